@@ -1,4 +1,4 @@
-"""A browser without a window, Debian's chromium, for tests of pages."""
+"""Headless Chromium of Debian for tests of pages."""
 
 import functools
 import http.server
@@ -20,7 +20,7 @@ needs_browser = pytest.mark.skipif(BROWSER is None, reason=f"needs a browser: {'
 
 
 class Handler(http.server.SimpleHTTPRequestHandler):
-    """Serves a folder and, as part of it, a harness from elsewhere; puts what is posted into a queue."""
+    """Serves a folder and a harness from another folder; puts posted data into a queue."""
 
     def __init__(self, *arguments, harness, answers, **keywords):
         self._harness, self._answers = harness, answers
@@ -40,7 +40,7 @@ class Handler(http.server.SimpleHTTPRequestHandler):
 
 
 def visit(folder: Path, harness: Path, query: str, timeout: float = 120.0) -> dict[str, Any]:
-    """Open a harness, which sees a folder's pages, and return what it posts, and the browser's processor time [s]."""
+    """Open a harness; return its posted report, and the browser's processor time [s]."""
     answers: queue.Queue[dict[str, Any]] = queue.Queue()
     handler = functools.partial(Handler, directory=folder, harness=harness, answers=answers)
     with (
@@ -62,12 +62,12 @@ def visit(folder: Path, harness: Path, query: str, timeout: float = 120.0) -> di
 
 
 def processor_time(session: int) -> float:
-    """Return the processor time of all processes of a session so far [s]."""
+    """Processor time of all processes of a session [s]."""
     ticks = 0
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = path.read_text().rpartition(")")[2].split()
-        except OSError:  # it has ended
+        except OSError:
             continue
         if int(fields[3]) == session:
             ticks += int(fields[11]) + int(fields[12])

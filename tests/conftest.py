@@ -5,10 +5,9 @@ from importlib.util import find_spec
 
 import pytest
 
-# No windows: pictures and figures are made in memory.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("MPLBACKEND", "Agg")
-# Jobs in the background of a script inherit an ignored SIGINT, and so would the processes that tests interrupt.
+# Background jobs of a script inherit an ignored SIGINT, and pass it to the processes that tests interrupt.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 # `make test-python` installs no torch.
@@ -28,7 +27,6 @@ def pytest_collection_modifyitems(config, items):
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Print the rows that tests recorded, table by table."""
     tables = defaultdict(list)
     for report in terminalreporter.getreports("passed") + terminalreporter.getreports("failed"):
         for name, value in report.user_properties:
@@ -46,5 +44,5 @@ def pytest_terminal_summary(terminalreporter):
 
 @pytest.fixture
 def no_curves(monkeypatch):
-    """Draw no learning curves, which takes half of the time of the smallest trainings."""
+    """Skip plots of learning curves, which are slow."""
     monkeypatch.setattr("lidarnaut.agents.run_folder.draw_learning_curve", lambda *args: None)

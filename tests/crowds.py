@@ -1,5 +1,3 @@
-"""Worlds and walks of people for tests."""
-
 import numpy as np
 from numba import njit
 
@@ -27,7 +25,6 @@ SCENES = {
 
 
 def robots_at_poses(*poses, radius=0.3):
-    """Rows of robots, poses (x, y, heading, speed)."""
     rows = np.zeros((len(poses), robots_at.ROW_SIZE))
     rows[:, [robots_at.X, robots_at.Y, robots_at.THETA, robots_at.V]] = poses
     rows[:, robots_at.PERIOD], rows[:, robots_at.ROBOT] = PERIOD, radius
@@ -55,7 +52,7 @@ def walk(people, periods, robots=None):
 
 @njit
 def watch(people, points, fields, setup, robots, segments, circles, periods):
-    """Let people walk; return the deepest overlap of two, the deepest in a wall [m], and the longest slow time [s]."""
+    """Let people walk; return maximum overlap between people and with walls [m], and longest slow time [s]."""
     overlap, in_wall, slow = -np.inf, -np.inf, 0.0
     for _ in range(periods):
         step_people(people, points, fields, setup, robots)

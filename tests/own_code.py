@@ -1,4 +1,4 @@
-"""A module of a user, outside of the package: tests copy it to a folder of its own and name its parts."""
+"""Example of a user's module outside of the package: tests copy it to a folder and name its parts."""
 
 import sys
 from dataclasses import replace
@@ -14,8 +14,6 @@ from lidarnaut.envs.worlds import load_world
 
 
 class Circling:
-    """An explorer: readings and beliefs in, twists out."""
-
     end_reason = None
     plan = None
 
@@ -27,20 +25,18 @@ class Circling:
 
 
 class Spy(Circling):
-    """An explorer that takes ground truth."""
-
     def reveal(self, coverage, target_coverage):
         self.coverage = coverage
 
 
 class Admits(Circling):
-    """An explorer that has ground truth from elsewhere, and says so."""
+    """Explorer with ground truth from elsewhere, which it declares."""
 
     uses_ground_truth = True
 
 
 class Truth:
-    """An observation part that shows the true pose, and says so."""
+    """Observation part that shows the true pose and declares it."""
 
     uses_ground_truth = True
 
@@ -52,8 +48,6 @@ class Truth:
 
 
 class SeesTruth:
-    """A policy that observes the true pose."""
-
     observations = {"truth": Truth}
 
     def __call__(self, observation):
@@ -61,7 +55,7 @@ class SeesTruth:
 
 
 class FollowsTruth:
-    """A policy that observes the true shortest path, by a part of the package."""
+    """Policy that observes the true shortest path, by a part of the package."""
 
     observations = {"carrot": {"path": "shortest"}}
 
@@ -70,18 +64,15 @@ class FollowsTruth:
 
 
 class FollowsPlan(FollowsTruth):
-    """A policy that observes the path of a navigator."""
-
     observations = {"carrot": {"path": "plan"}}
 
 
 def shown(observation):
-    """A policy that ignores its observation."""
     return np.array([0.5, 0.1])
 
 
 class Leaving(Circling):
-    """Ends the process, as a script may, at its second decision."""
+    """Exits the process at its second decision."""
 
     count = 0
 
@@ -93,19 +84,19 @@ class Leaving(Circling):
 
 
 def ahead(observation):
-    """A policy of twists: fractions of the limits, here beyond them."""
+    """Policy of twists: fractions of the limits, here beyond them."""
     return np.array([3.0, 0.3 * np.sign(observation["scan"][90] - observation["scan"][270])])
 
 
 class Model:
-    """A policy in the manner of stable-baselines3."""
+    """Policy with the interface of stable-baselines3."""
 
     def predict(self, observation, deterministic=False):
         return np.array([0.7, 0.2], dtype=np.float32), None
 
 
 def first_frontier(observation):
-    """A policy of decisions: the candidate that costs least to get to."""
+    """Policy of decisions: the candidate with the lowest path cost."""
     return 0
 
 
@@ -113,7 +104,7 @@ first_frontier.level = "decision"
 
 
 class MaskedModel:
-    """A policy of decisions in the manner of sb3-contrib."""
+    """Policy of decisions with the interface of sb3-contrib."""
 
     level = "decision"
 
@@ -127,13 +118,10 @@ ROBOT = replace(load_robot("raspimouse"), name="my_mouse")
 
 
 def my_slam(lidar, resolution):
-    """A SLAM: maps at the pose that odometry leads to."""
     return KnownPoses(lidar, load_params("default", {"resolution": resolution}))
 
 
 class Failing(KnownPoses):
-    """A SLAM that fails at its first scan."""
-
     def __init__(self, lidar, resolution):
         super().__init__(lidar, load_params("default", {"resolution": resolution}))
 
@@ -142,12 +130,11 @@ class Failing(KnownPoses):
 
 
 def leave(*_):
-    """Ends the process instead of making anything."""
     sys.exit(3)
 
 
 class CautiousReward(Rewards):
-    """Counts contacts ten times."""
+    """Reward with ten times the weight of contacts."""
 
     changes = {"collision": -5.0}
 

@@ -1,5 +1,3 @@
-"""Episodes for tests, and vector environments beside the single environments that they must equal."""
-
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
@@ -7,7 +5,7 @@ from lidarnaut.envs.navigation.candidates import COST, FAILURES
 
 
 def rollout(env, seed, steps, rule=None):
-    """Act by a rule of observations, else by fixed pseudo-random twists; return everything that comes out."""
+    """Act by a rule of observations, or by fixed pseudo-random twists; return all outputs."""
     rng = np.random.default_rng(seed)
     out = [env.reset(seed=seed)]
     for _ in range(steps):
@@ -18,13 +16,13 @@ def rollout(env, seed, steps, rule=None):
 
 
 def nearest(observation):
-    """Return the candidate with the cheapest path, as an action; those that failed come last."""
+    """Return the action of the cheapest path; failed candidates come last."""
     features, mask = observation["candidates"], observation["action_mask"] == 1
     return np.int64(np.where(mask, features[:, COST] + 10.0 * (features[:, FAILURES] > 0), np.inf).argmin())
 
 
 def assert_same(ours, theirs):
-    """Compare two of Gymnasium's observation or info dicts, one sub-environment after the other, where masks say so."""
+    """Compare observation or info dicts of Gymnasium by sub-environment, only values with a set mask."""
     if isinstance(theirs, np.ndarray):  # an observation that is no dict
         np.testing.assert_array_equal(ours, theirs)
         return
@@ -42,7 +40,7 @@ def assert_same(ours, theirs):
 
 
 def step_both(ours, theirs, actions, seed=5):
-    """Reset and step two vector environments alike, hold them equal, and yield each step's outcome and info."""
+    """Reset and step two vector environments, assert equal outputs, and yield each step's outcome and info."""
     for ours_out, theirs_out in zip(ours.reset(seed=seed), theirs.reset(seed=seed), strict=True):
         assert_same(ours_out, theirs_out)
     for action in actions:
@@ -57,7 +55,7 @@ def step_both(ours, theirs, actions, seed=5):
 
 
 def assert_same_info(ours, theirs):
-    """Compare two of Gymnasium's info dicts: keys, masks, types and values, also those that masks leave out."""
+    """Compare Gymnasium's info dicts: keys, masks, types and values, including values with an unset mask."""
     assert set(ours) == set(theirs)
     for key in theirs:
         if isinstance(theirs[key], dict):

@@ -1,5 +1,3 @@
-"""Rooms for tests, and simulators that begin in them."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,7 @@ BURGER = load_robot("turtlebot3_burger")
 
 
 def make_room(x_min, y_min, x_max, y_max, segments=(), circles=(), people=(), spawn=ORIGIN):
-    """A rectangular room with something in it; its walls come before `segments`."""
+    """The walls of the room come before `segments`."""
     corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)]
     walls = [(*a, *b) for a, b in zip(corners, corners[1:] + corners[:1])]
     return World(
@@ -28,17 +26,16 @@ def make_room(x_min, y_min, x_max, y_max, segments=(), circles=(), people=(), sp
 
 
 def square_room(size, segments=(), circles=(), people=()):
-    """A room of side 2 `size` around the origin."""
+    """Room of side 2 `size` around the origin."""
     return make_room(-size, -size, size, size, segments, circles, people)
 
 
 def hall(width=8.0, height=4.0, segments=()):
-    """A room with its lower left corner at the origin, in which a robot starts near there."""
+    """Room with its lower left corner at the origin; the robot starts near the corner."""
     return make_room(0.0, 0.0, width, height, segments, spawn=Pose2D(0.4, 0.4, 0.0))
 
 
 PLAIN = square_room(60.0)
-"""Flat ground with nothing near."""
 
 
 def without_slip(robot):

@@ -1,5 +1,3 @@
-"""The public API: the names of `lidarnaut`."""
-
 import inspect
 import subprocess
 import sys

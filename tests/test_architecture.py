@@ -1,5 +1,3 @@
-"""The table of floors in docs/architecture.md, held against the imports."""
-
 import ast
 import graphlib
 import itertools
@@ -19,7 +17,7 @@ def floors():
 
 
 def modules():
-    """Return the path of every module outside of tests by its name."""
+    """Return the paths of all modules outside of tests by name."""
     paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
     paths += [ROOT / "train.py", ROOT / "evaluate.py"]
     relative = {path.relative_to(ROOT) for path in paths if not path.is_symlink()}
@@ -28,13 +26,12 @@ def modules():
 
 
 def floor_of(path, rows):
-    """Return which row a file belongs to: the one that names the file, or else its folder."""
+    """Return the row index of a file: the row that names the file, or its folder."""
     names = (path.as_posix(), *(parent.as_posix() for parent in path.parents))
     return next((k for name in names for k, row in enumerate(rows) if name in row), None)
 
 
 def imports(path, name, known):
-    """Return the names of the project's modules that a file imports anywhere."""
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     found = set()
     for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
@@ -48,7 +45,6 @@ def imports(path, name, known):
 
 
 def edges():
-    """Return every pair of files of which one imports the other."""
     known = modules()
     return [(path, known[other]) for name, path in known.items() for other in imports(path, name, known)]
 
@@ -79,15 +75,14 @@ READERS = {
     "read_text", "read_bytes", "loadtxt", "genfromtxt", "fromfile", "load_file", "load_npz", "unsafe_load",
     "np.load", "json.load", "pickle.load", "pickle.loads", "torch.load", "yaml.load",
 }  # fmt: skip
-"""Calls that read files or objects without a limit."""
 READ_ANYTHING = {
     "envs/files/archives.py", "envs/files/yaml_models.py", "envs/player/page.py", "agents/package_policy.py",
     "benchmarks/demo.py",
     "benchmarks/drives/localization.py", "benchmarks/speed/__main__.py", "envs/vector/workers.py",
     "envs/compilation.py",
 }  # fmt: skip
-"""The readers with limits; of templates of the package; of files and messages of the same command; of code in
-folders of the user alone."""
+"""Allowed: readers with limits; readers of the package's templates, of files and messages of the same command, and of
+code in the user's folders."""
 
 
 def test_files_of_others_are_read_by_the_readers_with_limits():

@@ -1,5 +1,3 @@
-"""The collision monitor: robots that drive anywhere at full speed, and touch little of what they see."""
-
 import gymnasium
 import numpy as np
 import pytest
@@ -19,7 +17,7 @@ CLUTTER = {
 
 
 def drive_blindly(seed, **arguments):
-    """Return contacts with walls and the path length of a robot that sees all around and draws a curve now and then."""
+    """Return wall contacts and path length of a robot with a 360 degree view and random curves."""
     env = gymnasium.make(**CLUTTER, robot="configs/robots/jackal_360.yaml", **arguments)
     _, info = env.reset(seed=seed)
     rng = np.random.default_rng(seed)
@@ -46,7 +44,6 @@ def test_the_robot_can_stop_short_of_what_is_ahead(wall, share):
     v, braking, period = 2.0, 2.5, 0.1
     found = stoppable_share(points, v, 0.0, 0.333, braking, period)
     assert share is None or found == pytest.approx(share, abs=1e-6)
-    # Arcs are looked at every 0.02 m.
     if found < 1.0:
         assert found * v * period + 0.5 * (found * v) ** 2 / braking == pytest.approx(wall - 0.333, abs=0.02)
     assert stoppable_share(points, 0.0, 1.0, 0.333, braking, period) == 1.0

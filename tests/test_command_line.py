@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def measure(episodes: Count = 3, path: str = ""):
-    """Write so many episodes to a path."""
+    """Write episodes to a path."""
     Path(path).write_text(str(episodes))
 
 
@@ -42,9 +42,9 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path, capsys):
 @dataclass(frozen=True)
 class Options:
     folder: Annotated[Path, tyro.conf.Positional]
-    """Where."""
+    """Folder."""
     kind: Literal["slow", "fast"] = "fast"
-    """How."""
+    """Kind."""
     bounds: tuple[float, float] | None = None
 
 
@@ -148,7 +148,7 @@ class Terminal(io.StringIO):
 
 
 def run_bars(file, monkeypatch, **options):
-    """Let a bar of 40 items run, a second each, with a bar of its own for the tenth; return what is written."""
+    """Run a bar of 40 items, one second each, with a nested bar for the tenth; return the output."""
     now = 0.0
     monkeypatch.setattr(progress.time, "monotonic", lambda: now)
     monkeypatch.setattr(sys, "stderr", file)

@@ -33,7 +33,6 @@ print(shifted(3), same(3), sum(shifted.stats.cache_hits.values()), sum(same.stat
 
 @pytest.fixture
 def checkouts(tmp_path):
-    """Return two checkouts of a project that is as small as can be."""
     for name in ("first", "second"):
         folder = tmp_path / name / "lidarnaut" / "envs"
         folder.mkdir(parents=True)
@@ -50,7 +49,6 @@ def checkout(checkouts):
 
 
 def run(checkout, program=PROGRAM, **variables):
-    """Run a program there with a cache beside it, and return what it prints to standard output and error."""
     environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout.parent / "cache"), **variables}
     done = subprocess.run(
         [sys.executable, "-c", program], env=environment, cwd=checkout, capture_output=True, text=True, check=True
@@ -93,7 +91,6 @@ def test_records_that_kernels_take_may_move_to_another_module(checkout):
 
 @pytest.fixture
 def temporary(tmp_path):
-    """Return a folder for `TMPDIR`."""
     (tmp_path / "temporary").mkdir()
     return tmp_path / "temporary"
 
@@ -139,7 +136,7 @@ def test_a_temporary_folder_that_is_not_private_is_not_used(checkout, temporary,
         folder.symlink_to(other)
     elif kind == "open":
         folder.mkdir(mode=0o755)
-    else:  # the process takes itself for another user
+    else:  # the process acts as another user
         folder = temporary / "lidarnaut-54321"
         folder.mkdir(mode=0o700)
         program = f"import os\nos.geteuid = lambda: 54321\n{PROGRAM}"
@@ -154,8 +151,6 @@ def test_a_temporary_folder_that_is_not_private_is_not_used(checkout, temporary,
 
 
 class Bomb:
-    """Creates a file when it is unpickled."""
-
     def __init__(self, path):
         self.path = path
 
@@ -245,7 +240,7 @@ def test_a_process_that_hangs_with_a_lock_is_named_and_not_waited_for(checkout, 
             file.write("process 77 on a host")
             file.flush()
             fcntl.flock(file, fcntl.LOCK_EX)
-        assert run(checkout) == (["7", "3", "1", "1"], "")  # none waits for a kernel that is kept
+        assert run(checkout) == (["7", "3", "1", "1"], "")  # no wait for cached kernels
         for path in (tmp_path / "cache").rglob("*.nbc"):
             path.unlink()
         limits = "import lidarnaut.envs.compilation as own\nown.NAME_HOLDER_AFTER, own.GIVE_UP_AFTER = 0.1, 0.4\n"
@@ -312,7 +307,7 @@ def test_a_terminal_shows_how_many_kernels_have_been_compiled(checkout):
     subprocess.run(command, env=environment, cwd=checkout, stdout=subprocess.DEVNULL, stderr=theirs, check=True)
     shown = os.read(ours, 100_000).decode()
     assert "compiling: 0 kernels [00:0" in shown
-    assert shown.rstrip(" ").endswith("\r")  # the line is cleared
+    assert shown.rstrip(" ").endswith("\r")
 
 
 def test_user_kernels_are_kept_where_numba_keeps_them_and_announced_by_no_one(checkout):
@@ -325,7 +320,7 @@ def test_user_kernels_are_kept_where_numba_keeps_them_and_announced_by_no_one(ch
 
 
 def test_all_kernels_are_kept_so():
-    """Every file with kernels, or a package around it, imports the module that says where they are kept."""
+    """Every file with kernels, or a package above it, imports the module that sets the cache directory."""
     root = ROOT / "lidarnaut"
     wanted = str(root / "envs" / "compilation.py")
     files = [path for folder in ("agents", "baselines", "benchmarks", "envs") for path in (root / folder).rglob("*.py")]

@@ -1,5 +1,3 @@
-"""What holds for every id and every task: Gymnasium's contract, seeds, copies, docstrings, what is refused."""
-
 import itertools
 import math
 import pickle
@@ -46,7 +44,6 @@ def make(task, **arguments):
 
 
 def rollout(env, seed, steps):
-    """Drive with sampled actions; return everything that comes out."""
     env.action_space.seed(seed)
     out = [env.reset(seed=seed)]
     while len(out) <= steps and not (len(out) > 1 and (out[-1][2] or out[-1][3])):
@@ -59,9 +56,9 @@ def test_both_checkers_have_no_complaint(id, physics):
     env = gymnasium.make(id, physics=physics, time_limit=30.0, render_mode="rgb_array", disable_env_checker=True)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)  # of Numba 0.61, as it compiles
+        warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)  # of Numba 0.61, during compilation
         check_env(env.unwrapped, skip_render_check=id.removeprefix("lidarnaut/").removesuffix("-v0") not in TASKS)
-        # A remark on rows of candidates, robots and route points: they are for a network of one's own, as it says.
+        # Warning about two-dimensional observations of candidates, robots and route points, which need custom networks.
         warnings.filterwarnings("ignore", message="Your observation .* has an unconventional shape .*neither an image")
         if check_sb3 is not None:
             check_sb3(env.unwrapped)

@@ -1,5 +1,3 @@
-"""What all environments have in common: options of a reset, observation parts, rewards, SLAMs and sensors of users."""
-
 import pickle
 
 import gymnasium
@@ -26,8 +24,6 @@ STILL = np.zeros(2, dtype=np.float32)
 
 
 class Speed:
-    """How fast the robot is, by odometry."""
-
     def space(self, robot):
         return spaces.Box(-1.0, 1.0, (1,), np.float32)
 
@@ -36,14 +32,14 @@ class Speed:
 
 
 class Own(KnownPoses):
-    """A SLAM that maps at the poses that it is told."""
+    """SLAM that maps at given poses."""
 
     def __init__(self, lidar, resolution):
         super().__init__(lidar, load_params("default", {"resolution": resolution}))
 
 
 class Nailed(Own):
-    """Takes the robot to stay where it starts."""
+    """SLAM that keeps the start pose."""
 
     def update(self, reading, motion):
         return super().update(reading, type(motion)(0.0, 0.0, 0.0))
@@ -57,8 +53,6 @@ class Hurry(Rewards):
 
 
 class Beacon:
-    """The distance to the origin of the world, with noise."""
-
     name = "beacon"
     shape = (1,)
 
@@ -84,7 +78,6 @@ def test_world_and_start_can_be_chosen_for_one_episode():
     assert tuple(env.map_pose) == (-2.0, 0.5, 1.0)
     env.reset(options={"world": load_world("turtlebot3_stage_1"), "start": "spawn"})
     assert env.world.name == "turtlebot3_stage_1"
-    # The next episode is as the environment was constructed.
     assert same(first, rollout(env, 3, 10))
 
 
@@ -128,7 +121,7 @@ def test_observations_are_chosen_by_name_and_argument():
     usual = LidarEnv(Explore, **QUICK)
     expected = usual.reset(seed=0)[0]
     np.testing.assert_array_equal(observation["scan"], expected["scan"])
-    # 64 pixels of 0.1 m show what the inner 32 pixels of 0.2 m do.
+    # 64 pixels of 0.1 m are equal to the inner 32 pixels of 0.2 m.
     fine = observation["map_near"][1].reshape(32, 2, 32, 2).mean(axis=(1, 3))
     assert np.abs(fine - expected["map_near"][1, 4:36, 4:36]).mean() < 25.0
 
@@ -168,7 +161,7 @@ def test_a_slam_that_cannot_share_its_map_is_refused_for_teams():
 
 
 class Redrawing(Own):
-    """Moves its whole map by a metre at the tenth scan, as a closed loop may."""
+    """Moves its whole map by a metre at the tenth scan, like a loop closure."""
 
     def reset(self, rng, pose=ORIGIN, map=None):
         self._count = 0
@@ -195,11 +188,10 @@ def test_a_map_that_is_redrawn_reaches_coverage_crops_and_trail():
     infos = [env.step(ahead)[4] for _ in range(8)]
     before, crop = infos[-1]["explored_area"], env.observe()["map_near"]
     _, _, _, _, info = env.step(ahead)
-    # The map no longer knows the cells where they are.
+    # Cells at the true positions are no longer known.
     assert info["explored_area"] < 0.95 * before
     assert info["rewards"]["explored"] == pytest.approx(info["explored_area"] - before)
     assert env.robots[0].trail.positions[0].tolist() == [1.0, 0.0]
-    # Map and pose moved together.
     assert np.mean(env.observe()["map_near"][:2] != crop[:2]) < 0.2
 
 
@@ -248,7 +240,7 @@ def test_a_task_without_weights_is_named():
 @pytest.mark.parametrize("robot", ["turtlebot3_burger", "raspimouse"])
 @pytest.mark.parametrize("slam", ["odometry", "truth"])
 def test_a_row_holds_what_readings_and_states_come_to(slam, robot):
-    """The kernels of a control period against the classes that do the same one after the other, in Python."""
+    """Kernels of a control period, compared with the equivalent Python classes."""
     env = LidarEnv(Explore, slam=slam, **{**QUICK, "robot": robot})
     env.reset(seed=2)
     odometry, one, truth = make_motion_source(env.robot, env.control_period), env.robots[0], env.truths[0]
@@ -327,8 +319,6 @@ def test_what_is_no_sensor_is_named(sensors, culprit):
 
 
 class Device(Cliff):
-    """Fails at its fourth measurement of an episode, once."""
-
     name = "device"
     has_failed = False
 
@@ -344,8 +334,6 @@ class Device(Cliff):
 
 
 class Failing(Rewards):
-    """Fails at its third call, once."""
-
     count = 0
 
     def terms(self, quantities):
@@ -356,8 +344,6 @@ class Failing(Rewards):
 
 
 class Mute(Speed):
-    """Fails at its fourth observation, once."""
-
     count = 0
 
     def write(self, robot, out):

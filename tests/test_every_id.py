@@ -1,4 +1,4 @@
-"""Every registered id is trained, killed, resumed, evaluated beside classic policies, recorded and played."""
+"""Every registered id is trained, killed, resumed, evaluated, recorded and played."""
 
 import csv
 from unittest.mock import Mock
@@ -18,11 +18,11 @@ from tests.test_contract import TASKS
 pytestmark = pytest.mark.usefixtures("no_curves")
 
 CLASSIC = {"Navigate": "pursuit", "Track": "route_follower", "ExploreTeam": "rrt_team"}
-"""A classic policy for an id; explorations have `nearest`, goals in unknown worlds `pursuit`."""
+"""Classic policy by id; explorations have `nearest`, goals in unknown worlds `pursuit`."""
 
 
 class Killed(BaseException):
-    """Ends a training as a signal does: nothing is saved on the way out."""
+    """Ends a training without saving, like a signal."""
 
 
 @pytest.mark.parametrize("id", ENVIRONMENTS)

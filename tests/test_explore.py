@@ -17,7 +17,7 @@ from tests.rooms import BURGER
 from tests.test_core import QUICK
 
 
-# Draws that fell on a mover, which `reset` refused.
+# Random starts that hit a moving obstacle, which `reset` refused.
 @pytest.mark.parametrize(
     ("world", "seed"),
     [("turtlebot3_stage_3", 4), ("turtlebot3_stage_4", 18), ("turtlebot3_dqn_stage3", 21)],
@@ -29,7 +29,6 @@ def test_reset_keeps_clear_of_people(world, seed):
 
 
 def hall(length):
-    """A hall 2 m wide whose farther end is out of sight from its nearer one."""
     near = [(0, 2, 0, 0), (0, 0, 8, 0), (0, 2, 8, 2), (3, 0, 3, 0.8)]
     far = [(8, 0, length, 0), (8, 2, length, 2), (length, 0, length, 2)]
     walls = np.array([*near, *far], dtype=float)

@@ -23,14 +23,14 @@ from tests.rollouts import nearest, rollout
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
 MOST_STEPS = 20 + 4 * 12
-"""Control steps of a decision of 4 s at 5 Hz, and those of as many manoeuvres as a robot makes before it gives up."""
+"""Maximum control steps of a decision: 4 s at 5 Hz, plus the recovery manoeuvres before the robot gives up."""
 
 
 explore = partial(rollout, rule=nearest)
 
 
 class Jumping(KnownPoses):
-    """Turns and moves its map and its pose at every fifth key scan, as a closed loop may."""
+    """Turns and moves its map and its pose at every fifth key scan, like a loop closure."""
 
     num_jumps = 0
 
@@ -52,7 +52,6 @@ class Jumping(KnownPoses):
 
 
 def users_own(kind):
-    """Return a SLAM as the user's own class, which no kernel drives."""
     update = lambda self, reading, motion: kind.update(self, reading, motion)  # noqa: E731
     return type(f"Own{kind.__name__}", (kind,), {"update": update, "num_jumps": 0})
 
@@ -114,7 +113,6 @@ def test_the_mask_shows_the_candidates_and_the_features_are_theirs():
         costs = observation["candidates"][mask == 1, COST]
         assert (np.diff(costs) >= 0.0).all()
         assert ((costs >= 0.0) & (costs < 1.0)).all()
-        # Candidates fill the first slots.
         assert (np.diff(mask) <= 0).all()
     np.testing.assert_array_equal(env.action_masks(), mask == 1)
     assert env.action_masks().dtype == np.bool_
@@ -138,7 +136,7 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
     advance = LidarEnv.advance
 
     def spy(explore, commands):
-        # Straight on, whatever the navigator says, the robot runs into a wall.
+        # Driving straight on, without the navigator, the robot hits a wall.
         advance(explore, [Twist(explore.robot.max_v, 0.0)])
         taken.append(explore.outcome()[3]["rewards"])
 
@@ -169,7 +167,7 @@ def test_an_infinite_time_limit_is_one_that_never_comes(kind):
 
 
 def test_nothing_left_to_reach_terminates():
-    # Some corners of this world stay unknown, however long an episode takes.
+    # Some corners of this world stay unknown in episodes of any length.
     env = ExploreFrontiersEnv(world="explorebench_loop", physics="kinematic", slam="hector", target_coverage=1.0)
     out = explore(env, 0, 1000)
     observation, _, terminated, truncated, info = out[-1]
@@ -193,7 +191,6 @@ LARGER = {**QUICK, "world_size": (8.0, 8.0), "target_coverage": 0.95}
 
 
 def explore_by_rule(env, seed):
-    """Explore by a rule; return the last info, and all positions."""
     rule = GainOverCost()
     env.reset(seed=seed)
     positions = [env.explore.truths[0].state.pose[:2]]

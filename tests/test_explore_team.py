@@ -18,7 +18,6 @@ from tests.test_core import QUICK
 
 
 def team_in(world, start, **arguments):
-    """Return a team at the beginning of an episode in a world, with what it observes and is told."""
     arguments = {"physics": "kinematic", "num_robots": len(start), **arguments}
     env = LidarEnv(ExploreTeam, world=world, start=start, **arguments)
     return env, *env.reset(seed=0)
@@ -90,7 +89,7 @@ def test_there_is_room_to_start_in_every_maze():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_robots_start_close_together_or_out_of_sight_only_where_there_is_no_room(seed):
-    # A corridor around a corner, in which robots start behind each other.
+    # A corridor around a corner; robots start behind each other.
     corridor = hall(4.0, 0.7, [[0.4, 0.0, 0.4, 0.3], [0.4, 0.3, 4.0, 0.3]])
     corridor = replace(corridor, spawns=(Pose2D(0.225, 0.175, 0.0),))
     area, first = explorable_area(corridor, BURGER, 0.05), corridor.spawns[0]
@@ -99,7 +98,7 @@ def test_robots_start_close_together_or_out_of_sight_only_where_there_is_no_room
         return draw_starts(area, corridor, BURGER, first, num_robots, np.random.default_rng(seed))
 
     def hidden(poses):
-        # Past the corner, and beyond what can be seen by it.
+        # Past the corner, and out of sight from before it.
         return sum(pose.x > 0.7 for pose in poses)
 
     assert hidden(starts(2)) == 0
@@ -126,7 +125,7 @@ def test_beams_that_end_at_a_peer_are_left_out_and_no_others():
     ranges = np.full(36, 3.0, dtype=np.float32)
     ranges[18], ranges[9], ranges[0] = 1.8, np.nan, np.inf
     out = remove_peers(ranges, directions, (0.0, 0.0), (5.0, 5.0, math.pi / 2), np.array([[5.0, 7.0]]), 0.3)
-    # Beam 18 looks ahead, which is to y = 6.8; its neighbours pass the peer at a distance.
+    # Beam 18 points ahead to y = 6.8; its neighbours miss the peer.
     assert np.flatnonzero(np.isnan(out)).tolist() == [9, 18]
     assert np.isinf(out[0])
     assert not np.isnan(ranges[18])
@@ -144,7 +143,7 @@ def test_peers_leave_no_trace_in_the_map(slam):
         inner = (x > 0.4) & (x < 7.6) & (y > 0.4) & (y < 3.6)
         highest = max(highest, grid.data[grid.data >= 0][inner].max())
     assert (grid.data >= 65).sum() > 200
-    # 32 if the beams that end at peers are integrated: their own scans clear most of where they are.
+    # 32 if beams that end at peers are integrated: the peers' own scans clear most of their cells.
     assert highest <= 12
 
 
@@ -156,15 +155,13 @@ def test_robots_that_collide_both_report_contact(physics):
     infos = [env.step(ahead)[4] for _ in range(60)]
     assert infos[0]["collisions"].tolist() == [0, 0, 0]
     assert (infos[-1]["collisions"] >= 1).tolist() == [True, True, False]
-    # Both pay for it.
     assert min(info["rewards"]["collision"] for info in infos) == pytest.approx(2 * -0.5 * 0.1)
     first, second = (truth.state.pose for truth in env.truths[:2])
     if physics == "kinematic":
-        # No robot is pushed or driven through.
         assert tuple(second) == start[1]
         assert math.dist(first[:2], second[:2]) >= 2 * BURGER.radius - 1e-5
     else:
-        # A robot that is run into rolls on.
+        # The robot that was hit rolls on.
         assert second.x > start[1][0] + 0.01
         assert math.dist(first[:2], second[:2]) > BURGER.radius
     env.close()

@@ -1,5 +1,3 @@
-"""Decisions of a team, one robot at a time."""
-
 import gymnasium
 import numpy as np
 import pytest
@@ -23,7 +21,7 @@ def test_robots_decide_one_after_the_other_at_the_start_and_then_whenever_one_is
     assert times[:2] == [0.0, 0.0]
     assert times[2] > 0.0
     assert set(turns[3:]) == {0, 1, 2}
-    # Never longer than a decision of one robot may take: the others drive on meanwhile.
+    # At most the time of one robot's decision: the other robots drive on meanwhile.
     assert max(times) < 8.0
 
 
@@ -31,7 +29,7 @@ def test_what_another_robot_goes_to_is_no_gain_and_peers_tell_of_it():
     env = ExploreTeamFrontiersEnv(**ROOMS, num_robots=2, max_candidates=30)
     seen, _ = env.reset(seed=0)
     assert seen["peers"].shape == (7,)
-    assert seen["peers"][4:].tolist() == [0.0, 0.0, 0.0]  # the other robot has not chosen yet
+    assert seen["peers"][4:].tolist() == [0.0, 0.0, 0.0]
     choice = int(seen["candidates"][:, 0].argmax())
     goal, pose = env.candidates["frontier"][choice].copy(), env.belief.pose
     seen, *_ = env.step(np.int64(choice))

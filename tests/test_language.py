@@ -10,6 +10,8 @@ from tests.language import count
 ROOT = Path(__file__).parents[1]
 LIMIT = 3.5
 """Maximum number of idioms per 1,000 words."""
+# Files of this test contain idioms as data.
+TESTS = [path for path in sorted((ROOT / "tests").rglob("*.py")) if path.stem not in ("language", "test_language")]
 CODE = ("envs", "agents", "baselines", "benchmarks", "examples", "lidarnaut/__init__.py", "train.py", "evaluate.py")
 PAGES = ("docs", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "PYPI.md")
 PAIRS = {
@@ -28,7 +30,7 @@ PAIRS = {
 }
 
 
-@pytest.mark.parametrize("group", [CODE, PAGES], ids=["code", "pages"])
+@pytest.mark.parametrize("group", [CODE, TESTS, PAGES], ids=["code", "tests", "pages"])
 def test_prose_stays_below_the_limit(group):
     rate, hits = count(*(ROOT / name for name in group))
     assert rate <= LIMIT, "\n".join(hits[:50])

@@ -61,7 +61,7 @@ def test_classic_policies_take_the_heading_of_the_goal(policy):
 
 def test_policies_that_take_no_tolerances_still_get_the_goal():
     class Taker(GoalNavigator):
-        set_tolerances = property()  # none, as in a policy of one's own
+        set_tolerances = property()  # absent, as in a user's policy
 
         def set_goal(self, goal):
             self.given = goal

@@ -1,5 +1,3 @@
-"""Metadata of the package: declared requirements, extras, and the versions that the project is tested with."""
-
 import ast
 import importlib
 import re
@@ -20,7 +18,6 @@ PYBULLETS = {"pybullet", "pybullet-arm64"}
 
 
 def required(dependencies, **environment):
-    """Return the requirements that hold in an environment, by name."""
     found = [Requirement(one) for one in dependencies]
     return {canonicalize_name(r.name): r for r in found if r.marker is None or r.marker.evaluate(environment)}
 

@@ -12,20 +12,20 @@ from tests.rooms import make_room
 PARTS = ("scan", "motion", "plan")
 ROOMS = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "control_hz": 5.0, "observations": PARTS}
 CORRIDOR = make_room(0.0, 0.0, 12.0, 1.6, spawn=Pose2D(0.8, 0.8, 0.0))
-"""From its one end, all that is unknown lies at the other."""
+"""At one end, all unknown space is at the other end."""
 
 
 def test_points_ahead_are_measured_along_the_path():
-    # 1 m along x, then along y; the robot beside its first metre, and looking along y.
+    # 1 m along x, then along y; the robot is next to the first metre, and faces y.
     path = np.array([(0.05 * k, 0.0) for k in range(21)] + [(1.0, 0.05 * k) for k in range(1, 21)])
     out = np.empty(6, dtype=np.float32)
     nearest = look_ahead(path, 0, (0.5, -0.2, 0.5 * math.pi), LOOKAHEADS, out)
     assert nearest == 10
-    # Ahead are (0.8, 0), (1, 0.1) and (1, 1): seen from (0.5, -0.2), forward is y and left is -x.
+    # Points ahead are (0.8, 0), (1, 0.1) and (1, 1): seen from (0.5, -0.2), forward is y and left is -x.
     ahead = [(0.2, -0.3), (0.3, -0.5), (1.2, -0.5)]
     for (cosine, sine), (forward, left) in zip(out.reshape(3, 2), ahead, strict=True):
         assert (cosine, sine) == pytest.approx(np.array([forward, left]) / math.hypot(forward, left), abs=0.05)
-    # Beyond its end, the end counts.
+    # Lookahead points beyond the end are the end.
     look_ahead(path, nearest, (1.0, 0.9, 0.0), LOOKAHEADS, out)
     assert out == pytest.approx([0.0, 1.0] * 3, abs=0.05)
 
@@ -43,7 +43,6 @@ def test_the_plan_points_into_the_unknown_in_the_robots_frame(turn):
 
 
 def drive(env, steps, seed):
-    """Follow the first path, and yield what is observed."""
     observation, _ = env.reset(seed=seed)
     for _ in range(steps):
         yield observation
@@ -62,7 +61,7 @@ def test_who_follows_the_plan_explores_and_sees_it_change():
         assert env.observation_space.contains(observation)
         seen.append(observation["plan"])
     assert env.task.coverage.explored_fraction >= 0.9
-    assert (np.ptp(seen, axis=0)[:8] > 0.2).all()  # no number of the first one stays as it is
+    assert (np.ptp(seen, axis=0)[:8] > 0.2).all()  # all numbers of the first path change
     rows = np.array(seen).reshape(-1, 9)
     present = rows[:, 8] == 1.0
     assert set(rows[:, 8]) <= {0.0, 1.0}

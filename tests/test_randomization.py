@@ -1,5 +1,3 @@
-"""Robots whose parameters differ from episode to episode."""
-
 import json
 import pickle
 from importlib.util import find_spec
@@ -27,7 +25,7 @@ HALL = {**ROOM, "world": square_room(10.0)}
 
 
 def fixed(**values):
-    """Return ranges that hold one value each; underscores in pairs stand for dots."""
+    """Return ranges of one value each; double underscores stand for dots."""
     return {name.replace("__", "."): (value, value) for name, value in values.items()}
 
 

@@ -1,4 +1,4 @@
-"""Evaluations, sweeps and evolutions on a real Ray cluster of two cores, started in another folder."""
+"""A real Ray cluster of two cores, started in another folder."""
 
 import csv
 import json
@@ -46,13 +46,12 @@ def room(half):
 
 
 def map_of(width):
-    """Return the image of a map of a free room with walls around it."""
     free = b"\x00" + b"\xfe" * (width - 2) + b"\x00"
     return b"P5 %d %d 255\n" % (width, width) + b"\x00" * width + free * (width - 2) + b"\x00" * width
 
 
 def write_files(folder, half, width, here):
-    """Write files of the same names and other contents into the folder of the command and that of the cluster."""
+    """Write files of equal names and different contents into the folder of the command and that of the cluster."""
     (folder / "in").mkdir(parents=True)
     (folder / "maps").mkdir()
     (folder / "in" / "room.yaml").write_text(room(half))
@@ -89,7 +88,7 @@ def here(top):
 
 
 def rows_of(path):
-    """Return the rows of a table without the columns that depend on the clock."""
+    """Drop the columns that depend on the clock."""
     with open(path, newline="") as file:
         rows = [
             {k: v for k, v in row.items() if k not in ("decision_ms", "processor_time")} for row in csv.DictReader(file)

@@ -150,7 +150,7 @@ def test_a_world_may_have_a_goal_of_its_own_and_a_length_that_its_benchmark_coun
 
 
 def box(*routes):
-    """Return a square of 12 m with people who walk between two points at a speed."""
+    """Return a square of 12 m; people walk between two points at a speed."""
     corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 12.0), (0.0, 12.0)])
     people = tuple(FixedRoute(0.3, np.array(points), speed) for points, speed in routes)
     walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
@@ -180,7 +180,7 @@ def test_contact_with_people_tells_by_whose_motion(people, action, robot_drove, 
 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 def test_who_runs_into_a_robot_that_drives_on_is_no_wall(physics):
-    """At the end of the period it is 6 cm ahead again."""
+    """At the end of the period the robot is 6 cm ahead again."""
     settings = {"world": box(([(0.4, 6.0), (11.0, 6.0)], 1.5)), "physics": physics, "start": "spawn"}
     env = LidarEnv(ReachGoal, **settings, goal=(8.0, 2.0, 0.0), robot="jackal")
     *_, (_, _, _, _, info) = drive(env, 0.3 * AHEAD, 100)
@@ -190,7 +190,7 @@ def test_who_runs_into_a_robot_that_drives_on_is_no_wall(physics):
 
 
 def stand_by(route, time):
-    """Return the rewards of a robot of 0.22 m that stands in the box for a time, and its last info."""
+    """Return the rewards and the last info of a robot of 0.22 m that stands in the box."""
     robot = replace(load_robot("turtlebot3_waffle_pi"), radius=0.22)
     settings = {"physics": "kinematic", "start": "spawn", "goal": (8.0, 2.0, 0.0), "time_limit": time, "robot": robot}
     out = drive(LidarEnv(ReachGoal, world=box(route), **settings), STOP, 200)
@@ -198,7 +198,7 @@ def stand_by(route, time):
 
 
 def test_nearness_to_people_and_times_to_collision_are_measured():
-    paid, info = stand_by([((8.0, 7.02), (0.5, 7.02)), 1.0], 7.0)  # passes 0.5 m beside the robot
+    paid, info = stand_by([((8.0, 7.02), (0.5, 7.02)), 1.0], 7.0)  # passes 0.5 m from the robot
     assert (info["end_reason"], info["intrusion_time"]) == ("time_limit", 0.0)
     assert info["least_gap"] == pytest.approx(0.5, abs=0.01)
     assert min(paid) > -0.001

@@ -1,5 +1,3 @@
-"""Exploration after which the robot comes back to its start: `return_home=True`."""
-
 import math
 import pickle
 
@@ -19,8 +17,6 @@ QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "re
 
 
 class Tired:
-    """An explorer that stops after some control periods, with frontiers left."""
-
     def __init__(self, patience):
         self._explorer, self._patience, self.end_reason = make_explorer("nearest"), patience, None
 
@@ -36,7 +32,6 @@ class Tired:
 
 
 def explore(explorer, **arguments):
-    """Run an episode; return the environment and every `info` of it."""
     env, infos = LidarEnv(Explore, **QUICK, **arguments), []
     start = begin_episode(env, explorer, 3, np.random.default_rng(0))
     run(env, decide_with(explorer, env), *start, infos.append)
@@ -54,7 +49,7 @@ def test_the_episode_ends_at_the_start_once_the_world_is_explored():
     assert (last["end_reason"], last["returned"], last["is_success"]) == ("returned", True, True)
     assert distance_home(env) <= HOME_RADIUS
     assert env.task.rewards.weights == {**Explore.weights, "returned": 10.0}
-    # At the start the robot is at home, too, and has nothing to return from.
+    # At the start the robot is at home as well, but has not returned.
     assert not any(info["returned"] for info in infos[:-1])
     covered = next(k for k, info in enumerate(infos) if info["explored_fraction"] >= env.task.target_coverage)
     assert 0 < covered < len(infos) - 1
@@ -91,7 +86,7 @@ def test_the_last_decision_drives_home():
     ],
 )
 def test_a_robot_that_does_not_get_there_has_not_returned(name, value, reason, monkeypatch):
-    """It believes to be back, but is farther off than allowed; or its map shows no path."""
+    """The estimated pose is at home, but the true pose is too far away; or the map shows no path."""
     monkeypatch.setattr(f"lidarnaut.envs.{name}", value)
     *_, terminated, _, info = rollout(ExploreFrontiersEnv(**QUICK), 3, 100, nearest)[-1]
     assert terminated

@@ -1,4 +1,4 @@
-"""What the estimators of users hand over, and what becomes of it where it is wrong."""
+"""Checks of beliefs and map updates of user-defined estimators."""
 
 import math
 
@@ -18,7 +18,7 @@ FAR = np.array([[3, 100_000]], dtype=np.int32)
 
 
 def replacing(**fields):
-    """Return a function that replaces fields of a belief, or of its grid, by what functions of the belief return."""
+    """Return a function that replaces fields of a belief, or of its grid, by results of functions."""
 
     def spoil(belief):
         for name, make in fields.items():
@@ -28,7 +28,6 @@ def replacing(**fields):
 
 
 def updating(cells=CELLS, window=(0, 0, 9, 9), **further):
-    """Return a function that replaces the update of a belief."""
     return replacing(update=lambda belief: MapUpdate(cells, window, **{"origin": belief.grid.origin, **further}))
 
 
@@ -65,8 +64,6 @@ FAULTS = {
 
 
 class Faulty(Own):
-    """Spoils its belief at the second scan of an episode."""
-
     def reset(self, *args, **kwargs):
         self._count = 0
         return super().reset(*args, **kwargs)
@@ -80,7 +77,7 @@ class Faulty(Own):
 
     @staticmethod
     def spoil(belief):
-        """Leave it as it is."""
+        """Leave the belief unchanged."""
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -92,7 +89,7 @@ def test_a_belief_that_maps_cannot_work_with_is_refused(fault, monkeypatch):
         env.reset(seed=0)
         with pytest.raises(ValueError, match=f"Faulty.*{says}"):
             env.step(STILL)
-    env.reset(seed=0)  # the next episode is as any other
+    env.reset(seed=0)
     env.step(STILL)
 
 

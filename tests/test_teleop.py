@@ -17,8 +17,6 @@ from lidarnaut.envs.worlds import load_map
 
 
 class Driver:
-    """A person at the keyboard."""
-
     def __init__(self, path):
         arguments = {"world": "turtlebot3_world", "physics": "kinematic", "start": "spawn", "render_mode": "rgb_array"}
         self.env = LidarEnv(Explore, slam="truth", **arguments)
@@ -26,7 +24,6 @@ class Driver:
         pygame.event.clear()
 
     def tick(self, steps, up=(), down=()):
-        """Release keys, press others, and let as many control periods pass."""
         for kind, keys in ((pygame.KEYUP, up), (pygame.KEYDOWN, down)):
             for key in keys:
                 pygame.event.post(pygame.event.Event(kind, key=key))

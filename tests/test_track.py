@@ -23,7 +23,6 @@ HALL = {"robot": "mpo_500", "control_hz": 17.0, "physics": "kinematic", "path": 
 
 
 def follow(env, seed=0):
-    """Drive with the classic tracker; return every `info`."""
     tracker, infos = RouteFollower(), []
     start = begin_episode(env, tracker, seed, np.random.default_rng(0))
     run(env, decide_with(tracker, env), *start, infos.append)
@@ -115,7 +114,7 @@ def test_maps_are_made_once_and_are_aligned_with_the_world():
     assert made.poses[-1] == pytest.approx((5.8, 0.0, 0.0), abs=0.15)
     assert np.diff(made.poses[:, 0]).min() > 0.15
     assert made.grid.data[tuple(made.grid.cells(np.array([0.0, 0.0])))] == 0
-    # The south wall lies at world y 0, which is -3.2 as seen from the start.
+    # The south wall is at world y 0, which is -3.2 as seen from the start.
     column = made.grid.cells(np.array([0.5, 0.0]))[1]
     rows = np.flatnonzero(made.grid.data[:, column] >= 65)
     wall = made.grid.centers(np.array([rows.min(), column]))[1]
@@ -136,7 +135,7 @@ def test_encoders_tell_the_mean_of_a_period_for_its_middle():
     np.testing.assert_allclose(measurement.values, [55 * tick / 0.2, 10 * tick / 0.548 / 0.2])
     assert np.linalg.eigvalsh(measurement.covariance)[0] > 0
     rng = np.random.default_rng(0)
-    # Two even cut-offs per wheel and slip, drawn, spread as the covariance says.
+    # Samples of two uniform roundings per wheel, plus slip, have the stated covariance.
     draws = tick * (rng.random((100_000, 2)) - rng.random((100_000, 2)))
     draws += rng.normal(size=(100_000, 2)) * robot.drive.slip_std * np.sqrt(np.array([50, 60]) * tick)
     values = np.column_stack([draws.mean(axis=1), (draws[:, 1] - draws[:, 0]) / 0.548]) / 0.2

@@ -1,5 +1,3 @@
-"""The observation part `tracks`, and what robots that track people leave out of their maps."""
-
 import copy
 
 import gymnasium
@@ -67,7 +65,7 @@ def test_people_stay_out_of_maps_and_who_was_drawn_before_fades():
         ghosts[track] = 0
         for k in range(300):
             env.step(np.array([0.0, 0.5], dtype=np.float32))
-            if k > 120:  # nobody is known to walk in the first scans
+            if k > 120:
                 ghosts[track] += count_ghosts(env.unwrapped)
             assert track == (env.unwrapped.belief.on_people is not None)
             found |= track and env.unwrapped.belief.on_people.any()
@@ -79,7 +77,6 @@ def test_people_stay_out_of_maps_and_who_was_drawn_before_fades():
 
 
 def count_ghosts(env):
-    """Count the occupied cells that are neither of the walls nor of the pillar."""
     grid = env.belief.grid
     x, y = env.map_pose.transform(grid.centers(np.argwhere(grid.data > 50))).T
     return (np.maximum(abs(x), abs(y)) < 3.0)[np.hypot(x - 1.5, y) > 0.4].sum()

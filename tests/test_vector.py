@@ -1,5 +1,3 @@
-"""Vector environments beside the single ones that they must equal, with what users bring, and their interface."""
-
 import os
 import time
 from dataclasses import dataclass
@@ -28,8 +26,6 @@ QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "time_li
 
 
 class Travelled:
-    """Counts the steps of the episode, and shows the estimated position."""
-
     def reset(self, robot):
         self.count = 0
 
@@ -42,8 +38,6 @@ class Travelled:
 
 
 class Faster(Motion):
-    """A part of the package with a `write` of the user's own."""
-
     def write(self, robot, out):
         super().write(robot, out)
         out[0] *= 0.5
@@ -51,7 +45,7 @@ class Faster(Motion):
 
 @dataclass(kw_only=True, eq=False)
 class Counting(Explore):
-    """Counts control periods, and tells of every fifth."""
+    """Reports every fifth control period."""
 
     def reset(self, *args):
         self.count = 0
@@ -71,15 +65,11 @@ class Counting(Explore):
 
 @dataclass(kw_only=True, eq=False)
 class Halved(ReachGoal):
-    """Rewards less, without columns of its own."""
-
     def quantities(self):
         return {name: 0.5 * value for name, value in super().quantities().items()}
 
 
 class Braked(LidarEnv):
-    """Has twists of its own."""
-
     def twists(self, action):
         return [twist._replace(v=0.5 * twist.v) for twist in super().twists(action)]
 
@@ -320,8 +310,6 @@ def test_actions_can_be_clipped():
 
 
 class SlowlyPrepared(LidarEnv):
-    """Takes a while to prepare an episode, and says when it does."""
-
     is_preparing = False
 
     def prepare(self):

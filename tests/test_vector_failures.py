@@ -1,5 +1,3 @@
-"""Vector environments that are misused or interrupted, whose workers fail, or whose requests cannot be sent."""
-
 import copy
 import gc
 import multiprocessing
@@ -37,22 +35,16 @@ class TwoArgumentsError(Exception):
 
 
 class TextError(Exception):
-    """Unpickles to a text."""
-
     def __reduce__(self):
         return str, ("no error at all",)
 
 
 class Unloadable:
-    """Pickles, and does not unpickle."""
-
     def __reduce__(self):
         return int, ("no number",)
 
 
 class Failing(LidarEnv):
-    """Does what `failure` says, once."""
-
     failure = None
 
     def fail(self, *_):
@@ -83,13 +75,13 @@ def raise_signal():
 
 
 def interrupt_soon(delays=(0.3,)):
-    """Let a signal of Ctrl-C come to the main thread after a while, as it waits for others by then."""
+    """Send SIGINT to the main thread after delays."""
     for delay in delays:
         threading.Timer(delay, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT)).start()
 
 
 def interrupt_twice():
-    """Do so again after a while: the first may have to wait for the end of a step."""
+    """Send SIGINT twice: the first one may have to wait for the end of a step."""
     interrupt_soon((0.3, 0.6))
 
 
@@ -276,7 +268,7 @@ def test_a_worker_that_dies_is_an_error(env):
 
 @pytest.mark.parametrize("start_server", ["", "multiprocessing.set_forkserver_preload(['__main__'])"])
 def test_a_script_that_workers_import_is_told_to_guard_its_start(start_server, tmp_path):
-    """As Python 3.14 starts processes by default; its server imports the script already."""
+    """Python 3.14 starts processes by a server by default, which imports the script already."""
     make = f'gymnasium.make_vec("lidarnaut/Explore-v0", 2, num_workers=2, context="forkserver", **{QUICK})'
     script = tmp_path / "script.py"
     script.write_text(f"import gymnasium, lidarnaut, multiprocessing\n{start_server}\n{make}.reset(seed=0)\n")

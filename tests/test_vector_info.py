@@ -1,4 +1,4 @@
-"""`info` and rewards of vector environments beside Gymnasium's `SyncVectorEnv` of single ones, to the last byte."""
+"""Results are equal to those of Gymnasium's `SyncVectorEnv`, byte by byte."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -44,12 +44,11 @@ VALUES = {
     "date": lambda k: np.datetime64("2026-01-01"),
     "NaN": lambda k: np.nan if k % 2 else -0.0,
 }
-"""Values of metrics after k control periods."""
 
 
 @dataclass(kw_only=True, eq=False)
 class Telling(Explore):
-    """Has metrics of all kinds, some of which come, go, or come now and then, and counts how often it is asked."""
+    """Has metrics of all kinds, including temporary and intermittent ones, and counts its calls."""
 
     chosen: tuple = tuple(VALUES)
     ends_after: int = 5
@@ -76,8 +75,6 @@ class Telling(Explore):
 
 
 class Fading(Rewards):
-    """Has a term that fades with the number of calls, and one that is there now and then."""
-
     changes = {"fading": 1}
 
     def terms(self, quantities):
@@ -92,7 +89,7 @@ class Silent(Rewards):
 
 
 def compare(id, arguments, mode, num_workers, wrappers=(), steps=24):
-    """Hold a vector environment and single ones equal, stepped and reset alike; return how many episodes ended."""
+    """Assert equal outputs of a vector environment and single ones; return the number of ended episodes."""
 
     def single():
         env = gymnasium.make(id, disable_env_checker=True, **arguments)

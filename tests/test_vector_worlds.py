@@ -1,5 +1,3 @@
-"""Worlds of vector environments: drawn ahead of time, they are the ones that single environments draw."""
-
 import multiprocessing
 import os
 import pickle
@@ -28,14 +26,14 @@ MODES = [(AutoresetMode.NEXT_STEP, 1), (AutoresetMode.SAME_STEP, 2)]
 
 
 def threads(rng):
-    """Draw a world with the help of a thread, which starts a program in a way that forks in Python."""
+    """Draw a world with a thread that starts a program by forking in Python."""
     with ThreadPoolExecutor(1) as pool:
         pool.submit(subprocess.run, ["true"], preexec_fn=os.setpgrp).result()
     return ROOMS(rng)
 
 
 def pool(rng):
-    """Draw a world with the help of processes that are replaced by others."""
+    """Draw a world with processes that are replaced."""
     with multiprocessing.get_context("fork").Pool(1, maxtasksperchild=1) as pool:
         pool.map(abs, [1, 2], chunksize=1)
     return ROOMS(rng)
@@ -46,8 +44,6 @@ def spawning(rng):
 
 
 class Counting:
-    """Draws worlds by the number of its calls."""
-
     def __init__(self):
         self.count = 0
 
@@ -57,8 +53,6 @@ class Counting:
 
 
 class Sometimes:
-    """Fails for some draws."""
-
     def __call__(self, rng):
         if rng.random() < 0.4:
             raise ValueError("no world")
@@ -67,8 +61,6 @@ class Sometimes:
 
 @dataclass(kw_only=True, eq=False)
 class Drawing(Explore):
-    """Draws in each step from the generator that `reset` gave it."""
-
     def reset(self, simulator, robots, rng, options):
         self.rng = rng
         return super().reset(simulator, robots, rng, options)
@@ -173,8 +165,6 @@ def test_errors_of_samplers_are_raised_when_the_world_is_needed_and_then_gone():
 
 
 class Unpreparable(LidarEnv):
-    """Cannot prepare worlds; draws them when they are needed."""
-
     def prepare(self):
         raise ValueError("not now")
 
@@ -202,7 +192,7 @@ def test_preparing_draws_from_no_other_generator_and_copies_share_what_is_prepar
     first, second, third = env.reset(), copy.reset(), plain.reset()
     assert same(first, second)
     assert same(first, third)
-    # A generator that users set is a seed as well.
+    # A generator set by users is a seed as well.
     observations = []
     for prepares in (True, False, True):
         if prepares:

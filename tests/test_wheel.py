@@ -1,5 +1,3 @@
-"""The wheel by itself: built, installed into an environment of its own, and used where no checkout is."""
-
 import email
 import os
 import re
@@ -45,7 +43,7 @@ BUILD_SDIST = "import sys; from setuptools.build_meta import build_sdist; build_
 
 
 def build_wheel(folder):
-    """Return a wheel, built from an sdist, which is built from a copy of the sources: the checkout stays as it is."""
+    """Return a wheel, built from an sdist of a copy of the sources, which leaves the checkout unchanged."""
     source = folder / "source"
     source.mkdir()
     for name in SOURCES:
@@ -62,7 +60,7 @@ def build_wheel(folder):
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
-    """Return an environment that holds the wheel, and sees the dependencies that this one has."""
+    """Return an environment with the wheel and access to the current dependencies."""
     folder = tmp_path_factory.mktemp("wheel")
     wheel = build_wheel(folder)
     environment = folder / "environment"
@@ -71,7 +69,7 @@ def environment(tmp_path_factory):
     install = ["install", "--quiet", "--no-deps", "--no-index", "--no-compile", str(wheel)]
     subprocess.run([*pip, *install], check=True, cwd=folder, env=without_checkout())
     installed = Path(sysconfig.get_path("purelib", vars={"base": str(environment)}))
-    # Folders that a .pth file adds have no .pth files of their own run: an editable checkout stays out of sight.
+    # Folders added by a .pth file have no .pth files run: an editable checkout stays hidden.
     (installed / "dependencies.pth").write_text("\n".join(site.getsitepackages()))
     return environment, installed
 
@@ -82,7 +80,6 @@ def without_checkout():
 
 
 def run_in(environment, cwd, *command):
-    """Run a command of an environment elsewhere, and return what it prints."""
     line = [environment / "bin" / command[0], *command[1:]]
     done = subprocess.run(line, cwd=cwd, env=without_checkout(), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -92,7 +89,7 @@ def run_in(environment, cwd, *command):
 def test_the_wheel_holds_all_that_episodes_need(environment, tmp_path):
     home, installed = environment
     (tmp_path / "episodes.py").write_text(EPISODES)
-    for name in ("envs", "agents", "baselines", "benchmarks"):  # folders of a user, which must clash with nothing
+    for name in ("envs", "agents", "baselines", "benchmarks"):  # folders of a user, which must not clash
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").touch()
     version, *paths, first, second = run_in(home, tmp_path, "python", "episodes.py").split()

@@ -1,4 +1,4 @@
-"""`NUMBA_DISABLE_JIT=1`: environments run as plain Python, and like compiled ones."""
+"""`NUMBA_DISABLE_JIT=1`: environments run as plain Python, with equal results."""
 
 import os
 import pickle
@@ -34,7 +34,6 @@ pickle.dump(play(CASES[sys.argv[1]]), open(sys.argv[2], "wb"))
 
 
 def play(cases):
-    """Return the observations and rewards of a reset and three steps of each environment."""
     played = []
     for id, arguments in cases:
         env = gymnasium.make(f"lidarnaut/{id}-v0", **arguments)
@@ -48,7 +47,7 @@ def play(cases):
 
 
 def run(program, *arguments):
-    """Run a program without compiler. Warnings are errors."""
+    """Warnings are errors."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[1])}
     command = [sys.executable, "-W", "error::RuntimeWarning", "-c", program, *map(str, arguments)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)

@@ -15,7 +15,7 @@ TINY = {
     "evaluation": {"every": 256, "episodes": 3, "references": []},
     "checkpoints": {"every": 256, "keep": 2},
 }
-"""An experiment of a second; an update takes 128 steps."""
+"""Experiment of one second; an update takes 128 steps."""
 
 
 @pytest.fixture(scope="session")
@@ -30,5 +30,4 @@ def tiny_config():
 
 @pytest.fixture(scope="session")
 def tiny_run(tiny_config, tmp_path_factory):
-    """The folder of a finished training."""
     return train(tiny_config, run=tmp_path_factory.mktemp("runs") / "tiny", progress=False)

@@ -1,6 +1,6 @@
-"""A stand-in for the exploration environment: same spaces and info, no simulation, thousands of steps per second.
+"""Substitute for the exploration environment: same spaces and info, no simulation.
 
-A point drives through a square of hidden cells and uncovers those around it. Registered when imported.
+A point robot uncovers hidden cells around its position. The environment is registered on import.
 """
 
 import os

@@ -29,12 +29,10 @@ def fresh_model(tiny_config):
 
 @pytest.fixture
 def run(tiny_run, tmp_path):
-    """A copy of a finished run, to be damaged."""
     return shutil.copytree(tiny_run, tmp_path / "run")
 
 
 def draw():
-    """Draw from the global generators."""
     return np.random.standard_normal(3), np.random.permutation(9), torch.randn(3).numpy()  # noqa: NPY002
 
 
@@ -45,7 +43,7 @@ def assert_same(a, b):
 def test_a_checkpoint_comes_back_bit_for_bit(fresh_model, tiny_config, tmp_path):
     model = fresh_model()
     model.learn(256)
-    np.random.standard_normal()  # noqa: NPY002  (leaves half a pair behind: the hidden part of the state)
+    np.random.standard_normal()  # noqa: NPY002 (keeps the second number of a pair: hidden state)
     row = {"policy": "learned", "steps": 256, "progress": 0.1, "success": 0.5, "spl": 0.1, "spl_q25": 0.1, "scores": ""}
     saved = capture(model, tiny_config, [row], 5.0)
     folder = save_checkpoint(saved, tmp_path, keep=2)
@@ -58,10 +56,10 @@ def test_a_checkpoint_comes_back_bit_for_bit(fresh_model, tiny_config, tmp_path)
     assert (other.num_timesteps, other._n_updates) == (256, model._n_updates)
     assert loaded.record.evaluations == saved.record.evaluations
 
-    # The optimizer's state shows in what the next gradient step does.
+    # The optimizer's state affects the next gradient step.
     observation = {key: torch.as_tensor(value) for key, value in model.env.reset().items()}
     for each in (model, other):
-        each.policy.optimizer.param_groups[0]["lr"] = 1e-3  # what the schedule does at each update
+        each.policy.optimizer.param_groups[0]["lr"] = 1e-3  # as the schedule does at each update
         each.policy.optimizer.zero_grad()
         each.policy.predict_values(observation).square().sum().backward()
         each.policy.optimizer.step()
@@ -70,14 +68,13 @@ def test_a_checkpoint_comes_back_bit_for_bit(fresh_model, tiny_config, tmp_path)
 
 
 def take(folder, model):
-    """Load a checkpoint, as a policy and into a model."""
     checkpoint = load_checkpoint(folder, trust="tests")
     build_policy(checkpoint, folder)
     restore(model, checkpoint, folder)
 
 
 def change_tensors(folder, file, change):
-    """Change the tensors of a file and its checksum: what an honest tool could have written."""
+    """Change the tensors of a file and update its checksum."""
     tensors = safetensors.torch.load_file(folder / file)
     change(tensors)
     content = safetensors.torch.save(tensors)
@@ -158,7 +155,7 @@ def test_a_full_disk_costs_nothing_but_the_new_checkpoint(run, monkeypatch):
             save_checkpoint(checkpoint, run, keep=2)
     assert f"--resume {run}" in str(caught.value)
 
-    # A write that really stops half way, at the limit on the size of a file.
+    # The limit on the file size stops a write half way.
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
     try:

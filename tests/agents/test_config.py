@@ -179,7 +179,7 @@ def test_a_training_needs_no_configuration_where_the_algorithm_is_given(monkeypa
     [
         ("RecurrentPPO", {"learning_rate": "lin_0.0007", "n_steps": 128, "policy_kwargs": {"lstm_hidden_size": 64}}),
         ("SAC", {"ent_coef": "auto_0.05", "tau": 0.02, "gradient_steps": 4, "buffer_size": 1000}),
-        ("DDPG", {"action_noise": 0.1, "learning_starts": 1000}),  # derived from TD3
+        ("DDPG", {"action_noise": 0.1, "learning_starts": 1000}),
         ("TRPO", {"gamma": 0.5}),
     ],
 )

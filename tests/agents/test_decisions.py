@@ -1,5 +1,3 @@
-"""Training at decision level: from a configuration to an evaluation, on a budget of a few seconds."""
-
 import copy
 import shutil
 
@@ -61,7 +59,7 @@ def test_a_run_measures_references_and_itself(run):
     chance, rule, untrained, trained = rows = read_evaluations(run)
     assert [row["policy"] for row in rows] == ["random", "gain_over_cost", "learned", "learned"]
     assert (untrained["steps"], trained["steps"]) == (0, 64)
-    # The same episodes, and an untrained network is the rule.
+    # The episodes are equal, and an untrained network is equal to the rule.
     for name in ("explored_fraction", "time_to_90", "path_length", "success"):
         assert untrained[name] == pytest.approx(rule[name])
     assert rule["success"] == 1.0

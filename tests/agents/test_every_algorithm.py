@@ -1,5 +1,3 @@
-"""Every algorithm, from a configuration to a resumed training and a policy that acts."""
-
 import json
 import shutil
 
@@ -26,7 +24,7 @@ from tests.rollouts import rollout
 pytestmark = pytest.mark.usefixtures("no_curves")
 
 CHOOSING = ("PPO", "A2C", "MaskablePPO", "DQN", "QRDQN")
-"""Algorithms for environments in which actions are choices."""
+"""Algorithms for discrete actions."""
 DISCRETE = ("DQN", "QRDQN", "MaskablePPO")
 WITH_BUFFER = ("SAC", "TD3", "DDPG", "DQN", "TQC", "CrossQ", "QRDQN")
 CASES = [
@@ -36,7 +34,7 @@ CASES = [
 
 
 def tiny(algorithm, id, **changes):
-    """A training of two updates of eight steps each, with a checkpoint after each."""
+    """Return a training of two updates of eight steps each, with a checkpoint after each."""
     environment = {"id": f"lidarnaut/{id}-v0", "num_workers": 0, "time_limit": 1.0}
     environment |= {"world": "rooms", "world_size": [6, 6]}
     if id == "Navigate":
@@ -96,13 +94,13 @@ def test_two_updates_go_on_alike_from_a_checkpoint_and_act(algorithm, id, tmp_pa
         actions.append([policy(observation) for _ in range(2)])
     assert env.action_space.contains(actions[0][0])
     np.testing.assert_array_equal(*actions)
-    # A recurrent policy remembers until the next episode.
+    # A recurrent policy has memory until the next episode.
     assert np.array_equal(*actions[0]) == (algorithm != "RecurrentPPO")
     env.close()
 
 
 def test_a_replay_buffer_comes_back_as_it_was_and_leaves_nothing_behind(tmp_path, monkeypatch):
-    """The buffer has room for six steps of two environments, and sixteen are taken; it is written every four."""
+    """The buffer has room for six steps of two environments; sixteen are taken, and it is written every four."""
     models, build = [], training.build_model
     monkeypatch.setattr(training, "build_model", lambda *args: models.append(build(*args)) or models[-1])
     config = tiny("SAC", "Explore", total_steps=32)
@@ -117,7 +115,7 @@ def test_a_replay_buffer_comes_back_as_it_was_and_leaves_nothing_behind(tmp_path
     whole, again = (model.replay_buffer for model in models)
     assert again.full
     assert again.buffer_size == 6
-    # The ring was at row 16 of 6: the oldest of the rows that it holds is in slot 4; now it is in slot 0.
+    # The ring buffer was at row 16 of 6: the oldest row is in slot 4, and has to be in slot 0 now.
     order = (np.arange(6) + 16) % 6
     for name in ("actions", "rewards", "dones", "timeouts"):
         np.testing.assert_array_equal(getattr(whole, name)[order], getattr(again, name))
@@ -127,7 +125,7 @@ def test_a_replay_buffer_comes_back_as_it_was_and_leaves_nothing_behind(tmp_path
 
     larger = config.model_copy(update={"hyperparameters": {**config.hyperparameters, "buffer_size": 40}})
     train(larger, resume=run, progress=False)
-    assert (models[-1].replay_buffer.pos, models[-1].replay_buffer.full) == (8, False)  # all that the files hold
+    assert (models[-1].replay_buffer.pos, models[-1].replay_buffer.full) == (8, False)  # all rows of the files
     (run / FOLDER / sorted(names)[-1]).write_bytes(b"damaged")
     with pytest.raises(CheckpointError, match=r"000000000012-000000000016.* is damaged: its checksum differs"):
         train(config, resume=run, progress=False)

@@ -69,7 +69,6 @@ def test_what_does_not_fit_is_reported(tiny_run, env):
 
 def test_scans_of_other_lidars_are_shown_as_that_of_the_training():
     def act(name, distance):
-        """Act by what the lidar of a robot sees of a wall ahead [m]."""
         explorer, robot = LearnedPolicy.load(find_policy("pretrained/twist")), load_robot(name)
         explorer.reset(robot, 0.2, np.random.default_rng(0))
         bearings = wrap_angle(robot.lidar.angles + robot.lidar.mount.yaw)
@@ -141,11 +140,11 @@ def test_the_policy_of_the_package_explores_a_small_world_without_contact():
 def test_the_policy_of_the_package_was_trained_by_its_configuration():
     config = read_record(Path(__file__).parents[2] / "configs" / "twist.yaml", TrainingConfig)
     record = load_checkpoint(find_policy("pretrained/twist"), policy_only=True).record
-    # The name of the run and its number of processes change nothing of what is learned.
+    # Name of the run and number of processes have no effect on the training.
     own = {"seed": 1, "experiment": record.config.experiment}
     for name in ("environment", "hyperparameters", "network"):
         was, now = dict(getattr(record.config, name)), dict(getattr(config, name))
-        # It was saved with all of its values, and in an older form.
+        # The run was saved with all values, and in an older form.
         assert {key: was[key] for key in now} == now
         own[name] = getattr(record.config, name)
     assert record.config == config.model_copy(update=own)
@@ -153,7 +152,7 @@ def test_the_policy_of_the_package_was_trained_by_its_configuration():
 
 
 def test_who_runs_a_policy_sees_what_its_evaluations_see(tmp_path):
-    """A carrot on the true path, which training may take, is not to be had elsewhere."""
+    """The carrot on the true path, available in training, is missing elsewhere."""
     parts = {name: {"goal": None, "carrot": {"path": name}} for name in ("shortest", "plan")}
     reach = {"world": "hall", "world_size": [6, 6], "robot": "jackal", "time_limit": 3.0, "num_workers": 0}
     reach |= {"id": "lidarnaut/ReachGoal-v0", "observations": parts["shortest"]}
@@ -193,7 +192,7 @@ def test_a_policy_that_is_measured_with_ground_truth_is_marked_in_its_run_and_in
 
 
 class Position:
-    """An observation part without bounds: where the robot is along an axis [m]."""
+    """Observation part without bounds."""
 
     def space(self, robot):
         return spaces.Box(-np.inf, np.inf, (1,), np.float32)

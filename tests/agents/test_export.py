@@ -1,5 +1,3 @@
-"""Policies as ONNX act as they do in torch, and say what they need."""
-
 import json
 import sys
 
@@ -32,7 +30,7 @@ def onnxruntime():
 
 
 class Quadrant:
-    """Of four numbers, that of the quadrant that the robot heads for is 1."""
+    """One-hot quadrant of the robot's heading."""
 
     def space(self, robot):
         return spaces.MultiBinary(4)
@@ -42,7 +40,7 @@ class Quadrant:
 
 
 class Fickle(CombinedExtractor):
-    """Decides in Python, which a file cannot hold."""
+    """Feature extractor with a Python branch, which ONNX cannot store."""
 
     def forward(self, observations):
         sign = 1.0 if observations["motion"].sum() > 0 else -1.0
@@ -50,7 +48,6 @@ class Fickle(CombinedExtractor):
 
 
 def read(onnxruntime, path):
-    """Return the session of a file, and its metadata."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(path, options)
@@ -58,7 +55,7 @@ def read(onnxruntime, path):
 
 
 def acts_alike(onnxruntime, config, run, path, steps=12):
-    """Drive by the file, and hold each action against that of the policy in torch; return the metadata."""
+    """Compare the actions of the ONNX file with the torch policy; return the metadata."""
     session, about = read(onnxruntime, path)
     policy = LearnedPolicy.load(run, trust="tests")
     env = make_env(evaluation_environment(config), "test")
@@ -124,7 +121,7 @@ def test_parts_of_any_name_and_kind_and_networks_of_the_library(onnxruntime, tmp
     "name", sorted(folder.name for folder in PRETRAINED.glob("*/") if (folder / POLICY_FILE).exists())
 )
 def test_every_network_of_the_package_becomes_a_file(name, onnxruntime, tmp_path):
-    about = main(f"ppo:pretrained/{name}", tmp_path / "policy.onnx")  # compares them, on batches of 64 and of 1
+    about = main(f"ppo:pretrained/{name}", tmp_path / "policy.onnx")  # compares both, on batches of 64 and of 1
     session, _ = read(onnxruntime, tmp_path / "policy.onnx")
     assert {one.name for one in session.get_inputs()} == about["inputs"].keys()
 

@@ -21,7 +21,7 @@ SHIPPED = sorted(folder for folder in PRETRAINED.iterdir() if folder.is_dir())
 
 
 def check_sums(folder):
-    """Hold all files but the model card against the checksums."""
+    """Compare all files, except the model card, with the checksums."""
     files = {path for path in folder.iterdir() if path.name not in (CHECKSUMS, MODEL_CARD)}
     sums = {f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in files}
     assert set((folder / CHECKSUMS).read_text().splitlines()) == sums

@@ -13,8 +13,6 @@ SEEN = {"scan": np.ones(3), "action_mask": np.array([0, 1], dtype=np.int8)}
 
 
 class Model:
-    """As models of stable-baselines3 and of sb3-contrib are."""
-
     def predict(self, observation, state=None, episode_start=None, deterministic=False, action_masks=None):
         self.seen = (state, bool(episode_start[0]), deterministic, action_masks)
         return np.array([3.0, -0.5]), (state or 0) + 1
@@ -60,7 +58,7 @@ def test_models_are_asked_as_they_expect():
     assert [action.tolist() for action in drive(policy, 2)] == [[1.0, -0.5]] * 2
     assert model.seen == (1, False, True, SEEN["action_mask"])
     drive(policy)
-    assert model.seen[:2] == (None, True)  # each episode begins anew
+    assert model.seen[:2] == (None, True)  # a new episode
     plain = SimpleNamespace(predict=lambda observation: observation["scan"][:2])
     assert drive(make_policy(plain, BOX))[0].tolist() == [1.0, 1.0]
 
@@ -93,7 +91,7 @@ def test_models_are_reset_if_they_take_what_a_reset_gives():
             self.robot = robot.name
 
     class Reseeding(Predicting):
-        """Has a `reset` of another kind, as models of other libraries may."""
+        """Model with another kind of `reset`."""
 
         def reset(self, seed=None):
             self.robot = "robot"

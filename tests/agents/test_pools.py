@@ -1,5 +1,3 @@
-"""Files that travel to the machines of a cluster."""
-
 import os
 import sys
 from pathlib import Path
@@ -11,7 +9,6 @@ from lidarnaut.agents.pools import RayExecutor, collect_files, enter_folder
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """The current folder, beside one with maps, and files that a sweep or an evaluation names."""
     files = {"room.yaml": "polylines: []", "../maps/m.yaml": "image: m.pgm", "../maps/m.pgm": "P5", "large.bin": "x"}
     files |= {"runs/a/policy.safetensors": "w", "runs/a/checkpoint.json": "{}", "runs/a/replay/1.safetensors": "r"}
     files |= {"mine_in_pools.py": "import helper_in_pools", "helper_in_pools.py": ""}
@@ -66,7 +63,7 @@ def test_an_absolute_path_must_hold_the_same_file_on_every_machine(here, monkeyp
 
 
 def test_a_process_is_not_kept_waiting_by_an_address_without_a_cluster(monkeypatch, tmp_path):
-    """A stand-in for Ray that never answers, and one that fails with a traceback."""
+    """Ray is replaced by a module that never answers, and by one that fails with a traceback."""
     monkeypatch.setitem(sys.modules, "ray", object())
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr("lidarnaut.agents.pools.CONNECT_LIMIT", 2.0)

@@ -1,5 +1,3 @@
-"""Keys that may change when a run goes on."""
-
 import re
 import shutil
 from pathlib import Path
@@ -76,7 +74,7 @@ def test_keys_that_may_change_are_applied(tiny_run, tiny_data, tmp_path):
 
 
 def test_code_that_a_run_no_longer_names_is_trusted_on_the_command_line(tiny_data, tmp_path, capsys):
-    """The checkpoint still names it."""
+    """The checkpoint still names the code."""
     data = {**tiny_data, "environment": {**tiny_data["environment"], "reward": "tests.own_code:Circling"}}
     run = train(parse_config({**data, "total_steps": 128}, "mem"), run=tmp_path / "run", progress=False)
     words = ["--resume", str(run), "--environment.reward", "None", "--total-steps", "256", "--trust"]
@@ -100,7 +98,7 @@ def test_code_that_a_run_no_longer_names_is_trusted_on_the_command_line(tiny_dat
     ],
 )
 def test_an_evolution_that_would_mix_settings_is_refused_and_left_alone(changes, says, tmp_path):
-    """What it has reached belongs to individuals that only the former settings draw again."""
+    """Its results belong to individuals that only the previous settings reproduce."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("lidarnaut.agents.frontiers.evolution._Evolution", None)
         with pytest.raises(TypeError):

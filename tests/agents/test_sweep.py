@@ -16,7 +16,6 @@ from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
 
 def read_table(path, *columns):
-    """Read columns of numbers, as a list by rows."""
     with open(path, newline="") as file:
         return [[float(row[name]) for name in columns] for row in csv.DictReader(file)]
 
@@ -36,7 +35,6 @@ def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture(data, 
     assert table == [[gamma, seed, 128] for gamma in (0.9, 0.99) for seed in (0, 1)]
     assert (folder / "sweep.png").read_bytes().startswith(b"\x89PNG")
     assert "gamma 0.99" in capsys.readouterr().out
-    # A sweep goes on where it stopped: what is finished is not trained again.
     trained = []
     monkeypatch.setattr(
         "lidarnaut.agents.training.train", lambda config, **how: trained.append((config.seed, how["resume"]))
@@ -204,7 +202,7 @@ def test_tasks_bring_settings_of_their_own_and_some_algorithms_fit_some_of_them(
     ]
     assert [one.config.environment.arguments.get("time_limit") for one in members] == [2.0] * 4 + [4.0] * 2
     assert members[0].config.hyperparameters == {"n_steps": 32, "batch_size": 64, "n_epochs": 2}
-    # Who measures the classic policies: the first training of each task, since the others meet the same episodes.
+    # Only the first training of each task measures the classic policies: all trainings share the episodes.
     assert [bool(one.config.evaluation.references) for one in members] == [True, False, False, False, True, False]
 
 
@@ -215,7 +213,7 @@ def test_trainings_side_by_side_count_their_time_and_draw_a_picture_for_each_tas
     table = read_table(folder / "sweep.csv", "steps", "processor_time")
     assert [steps for steps, _ in table] == [128, 128]
     assert all(0.0 < seconds < 60.0 for _, seconds in table)
-    run_sweep(data, "mem", resume=folder, progress=False)  # nothing is left to do, and no time is added
+    run_sweep(data, "mem", resume=folder, progress=False)  # nothing is left to run, and no time is added
     assert read_table(folder / "sweep.csv", "steps", "processor_time") == table
 
 

@@ -83,7 +83,6 @@ def read_scalars(run, name):
 
 
 def assert_logged(run, steps):
-    """Hold TensorBoard's evaluations against those of the table, at the steps at which they were made."""
     for name in ("area", "success"):
         logged = {event.step: event.value for event in read_scalars(run, f"evaluation/{name}")}
         assert list(logged) == steps
@@ -92,7 +91,7 @@ def assert_logged(run, steps):
 
 def test_tensorboard_shows_every_evaluation_at_the_steps_it_was_made(tiny_run, tiny_data, tmp_path):
     assert_logged(tiny_run, [0, 256, 512, 768])
-    # Resumed from the checkpoint at 512 steps, whose evaluation was logged before: it stays, the one after is replaced.
+    # Resumed from the checkpoint at step 512. The evaluation before it stays; the one after it is replaced.
     run = shutil.copytree(tiny_run, tmp_path / "run")
     train(changed(tiny_data, total_steps=896), resume=list_checkpoints(run)[0], progress=False)
     assert_logged(run, [0, 256, 512, 768, 896])
@@ -111,7 +110,6 @@ def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_several(tiny
 
 
 def dead_pid():
-    """Return the number of a process that has ended."""
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     return dead.pid
@@ -123,7 +121,7 @@ def train_in_a_process(folder, *arguments):
 
 
 def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path):
-    """SIGKILL in the middle of everything: an environment kills the process at its 220th step, at 880 steps in all."""
+    """An environment kills the process by SIGKILL at its 220th step, after 880 steps of all environments."""
     config = changed(tiny_data, environment=tiny_data["environment"] | {"world": "deadly_220"}, total_steps=1280)
     (tmp_path / "deadly.yaml").write_text(dump_record(config))
     killed = train_in_a_process(tmp_path, "--config", "deadly.yaml")
@@ -134,7 +132,7 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
     steps = load_checkpoint(source, trust="tests").record.steps
     assert 880 - config.checkpoints.every <= steps <= 880
     evaluated = evaluated_steps(run)
-    # What a kill within a save leaves behind.
+    # Files of a save that was killed.
     killed_save = run / "checkpoints" / f".step_000000896.{platform.node()}.{dead_pid()}.tmp"
     killed_save.mkdir()
 
@@ -150,7 +148,7 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
     events = read_scalars(run, "train/learning_rate")
     logged = [event.step for event in events]
     assert logged == sorted(set(logged))
-    # The rate falls to one update's share of the first, as if nothing had happened.
+    # The learning rate falls to one update's share of the initial rate.
     assert events[-1].value == pytest.approx(7e-4 * 2 / num_updates(config))
 
 
@@ -204,7 +202,7 @@ def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it
     assert newest(tmp_path / "run").record.steps == 256
 
 
-@pytest.mark.filterwarnings("ignore:.*ERROR")  # how Gymnasium tells what happened in a process
+@pytest.mark.filterwarnings("ignore:.*ERROR")  # Gymnasium reports errors of processes by warnings
 @pytest.mark.parametrize("vectorization", ["sync", "async"])
 def test_an_environment_that_fails_is_heard(vectorization, tiny_data, tmp_path):
     broken = tiny_data["environment"] | {"world": "broken_6", "vectorization": vectorization}
@@ -213,7 +211,7 @@ def test_an_environment_that_fails_is_heard(vectorization, tiny_data, tmp_path):
 
 
 def test_policies_learn(tiny_data, tmp_path):
-    """Driving straight ahead explores the fake world; from nothing to most of it in a few thousand steps."""
+    """The fake world is explored by driving straight ahead."""
     faster = {"n_steps": 64, "batch_size": 128, "n_epochs": 4, "learning_rate": "lin_2e-3"}
     seldom = {"evaluation": {"every": 100_000, "episodes": 10, "references": []}, "checkpoints": {"every": 100_000}}
     config = changed(tiny_data, total_steps=6144, num_envs=8, hyperparameters=faster, **seldom)

@@ -44,7 +44,7 @@ def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(name, box):
     logits, values = network(seen)
     assert logits.shape == (5, len(TWISTS))
     assert values.shape == (5, 1)
-    # What one twist leads to changes its own logit alone.
+    # The outcome of a twist changes only the logit of this twist.
     changed = {**seen, "trajectories": seen["trajectories"].clone()}
     changed["trajectories"][:, 3, 0] += 0.5
     others = torch.arange(len(TWISTS)) != 3

@@ -35,7 +35,7 @@ SETTINGS = {"a": 1}
 
 @pytest.fixture
 def hostile(tmp_path, monkeypatch):
-    """A module in the current folder; return whether it was imported."""
+    """Create a module; return a function that returns True if the module was imported."""
     (tmp_path / "hostile_code.py").write_text(HOSTILE)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -45,7 +45,6 @@ def hostile(tmp_path, monkeypatch):
 
 
 def policy_folder(folder, change):
-    """Copy a shipped policy, with a changed record."""
     shutil.copytree(PRETRAINED / "reach", folder)
     record = json.loads((folder / "checkpoint.json").read_text())
     change(record["config"])

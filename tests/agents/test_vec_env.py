@@ -27,7 +27,6 @@ KINDS = pytest.mark.parametrize("kind", ["native", "sync", "async"])
 def make(num_envs=3, kind="native", id=QUICK.id, mode=AutoresetMode.SAME_STEP, **arguments):
     arguments = {"physics": "kinematic", "split": "train", "world": "rooms", "world_size": (6.0, 6.0)} | arguments
     if kind == "native":
-        # The tests of `lidarnaut.envs.vector` hold workers against this process.
         return gymnasium.make_vec(id, num_envs, autoreset_mode=mode, **{"num_workers": 0, **arguments})
     return gymnasium.make_vec(id, num_envs, kind, vector_kwargs={"autoreset_mode": mode}, **arguments)
 
@@ -73,7 +72,6 @@ LIMITED = {
     "function": {"entry_point": wrapped},
     "wrappers": {"entry_point": Limited, "additional_wrappers": (WRAPPER,)},
 }
-"""Registrations of environments whose episodes end after 8 steps."""
 
 
 @pytest.mark.parametrize("vectorization", ["native", "sync"])
@@ -98,7 +96,7 @@ def test_other_autoresets_are_refused():
 
 
 def test_normalisation_callbacks_and_resuming_work_as_in_stable_baselines3(tmp_path):
-    """With the library's own PPO, policy, `VecNormalize` and `CheckpointCallback`."""
+    """PPO, policy, `VecNormalize` and `CheckpointCallback` are those of the library."""
     short = {"control_hz": 5.0, "time_limit": 3.0}
     env = VecNormalize(adapt(**short), norm_obs_keys=["motion"])
     # A checkpoint every eight steps of the three sub-environments.
@@ -142,7 +140,7 @@ def test_sub_environments_can_be_reached(kind):
         np.testing.assert_array_equal(found, masks)
     np.testing.assert_array_equal(env.env_method("action_masks", indices=[2]), masks[2:])
     assert env.has_attr("action_masks")
-    if kind != "async":  # Gymnasium's processes end when asked for what they do not have
+    if kind != "async":  # Gymnasium's processes end at a request for a missing attribute
         assert not env.has_attr("no_such_thing")
     env.set_attr("nickname", "all")
     env.set_attr("nickname", "second", indices=1)
@@ -216,8 +214,6 @@ def test_robots_that_cannot_be_trained_together_are_refused():
 
 
 class Standing:
-    """A policy that stands still, and notes what it is to drive."""
-
     robots: ClassVar[list[str]] = []
 
     def reset(self, robot, control_period, rng):

@@ -1,5 +1,3 @@
-"""Maps that explorers choose in."""
-
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief
@@ -10,7 +8,7 @@ from tests.rooms import BURGER
 
 
 def hall():
-    """A hall of 10 m x 6 m; through openings in its short walls it borders on the unknown: little of it on the left."""
+    """Hall of 10 m x 6 m. Openings in its short walls lead to unknown space; the left one is smaller."""
     data = np.full((160, 260), -1, dtype=np.int8)
     data[20:140, 30:230] = 0
     data[18:20, 28:232] = data[140:142, 28:232] = 100
@@ -22,7 +20,7 @@ def hall():
 
 
 def corridor(*unknown):
-    """A corridor of 2 m x 20 m, closed all around; `unknown` are (first, last) columns where half of it is unknown."""
+    """Closed corridor of 2 m x 20 m. `unknown`: (first, last) columns that are half unknown."""
     data = np.full((44, 400), 100, dtype=np.int8)
     data[2:42, 2:398] = 0
     for first, last in unknown:
@@ -35,7 +33,7 @@ def belief_at(x, y, grid=None):
 
 
 def reading_of(*, ranges=np.inf, ticks=(0, 0), yaw_rate=0.0, bumper=False, time=0.0, robot=BURGER):
-    """What a robot's sensors say; `ranges` [m] may be one for all beams."""
+    """Sensor reading; `ranges` [m] may be one value for all beams."""
     ranges = np.full(robot.lidar.num_beams, ranges, dtype=np.float32)
     return Reading(time=time, ranges=ranges, ticks=ticks, yaw_rate=yaw_rate, heading=np.nan, bumper=bumper)
 
@@ -47,7 +45,7 @@ def candidates_from(x, y, grid=None, **settings):
 
 
 def first_choice(explorer, x, y, grid=None):
-    """The frontier (x, y) that a `RuleExplorer` goes to first from a position; None if it finds nothing."""
+    """First frontier (x, y) chosen by a `RuleExplorer` from a position; None without frontiers."""
     candidates = candidates_from(x, y, grid, max_candidates=explorer.max_candidates, planning=explorer.planning)
     if len(candidates) == 0:
         return None

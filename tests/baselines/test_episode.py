@@ -15,7 +15,7 @@ from lidarnaut.envs.tasks.explore import Explore
 
 
 class ScriptedEnv(LidarEnv):
-    """Explores by itself: 2 s and 0.5 m per step, a fraction from a list per step, position errors of 3 and 4 cm."""
+    """Each step takes 2 s and 0.5 m, with a fraction from a list, and position errors of 3 and 4 cm."""
 
     action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,))
     robot = SimpleNamespace(max_v=0.5, max_w=1.0)
@@ -59,8 +59,6 @@ class ScriptedEnv(LidarEnv):
 
 
 class ScriptedExplorer:
-    """Stops with a reason at its n-th decision."""
-
     plan = np.zeros((1, 2))
 
     def __init__(self, stop_at=10**9):
@@ -121,7 +119,6 @@ def test_the_loop_ends_with_the_episode_or_the_driver_or_after_max_steps():
     ended = run(env, lambda _: next(answers), *env.reset(), lambda info: seen.append(info["time"]))
     assert (ended.info["end_reason"], ended.info["time"], len(ended.decision_times)) == ("stuck", 4.0, 3)
     assert seen == [0.0, 2.0, 4.0]
-    # It goes on from where it stopped.
     ended = run(env, lambda _: np.zeros(2), ended.observation, ended.info, max_steps=1)
     assert (ended.info["time"], len(ended.decision_times)) == (6.0, 1)
     ended = run(env, lambda _: np.zeros(2), ended.observation, ended.info)
@@ -153,7 +150,7 @@ def test_classic_policies_do_the_tasks_that_they_are_offered_for(id, arguments, 
 
 def test_actions_are_repeated_where_a_policy_decides_less_often():
     explorer = ScriptedExplorer()
-    explorer.control_hz = 0.25  # every 4 s, and the environment steps every 2 s
+    explorer.control_hz = 0.25  # every 4 s; the environment steps every 2 s
     run_episode(ScriptedEnv([0.2] * 6, time_limit=10.0), explorer, seed=1)
     assert (explorer.decisions, explorer.period) == (3, 4.0)
     explorer.control_hz = 0.3
@@ -170,7 +167,7 @@ def test_who_drives_one_robot_says_how_it_drives_a_team():
 
 
 class Patience(gymnasium.Wrapper):
-    """Ends episodes after 8 steps, by a flag."""
+    """Truncates episodes after 8 steps."""
 
     flag = "truncated"
 
@@ -215,8 +212,6 @@ def test_episodes_that_wrappers_end_are_measured_at_that_moment(id, arguments, w
 
 
 class Vanishing(Explore):
-    """Has a number that vanishes, and a list that grows."""
-
     def metrics(self):
         count = len(getattr(self, "_seen", ()))
         self._seen = [0.0] * (count + 1)

@@ -1,5 +1,3 @@
-"""Mapping, global localization and navigation, on a small world."""
-
 import re
 
 import numpy as np
@@ -23,12 +21,12 @@ def test_a_robot_maps_a_world_and_localizes_on_its_map(tmp_path, capsys):
     assert (tmp_path / "run" / "global_localization.png").exists()
     with Image.open(said["animation"]) as animation:
         assert animation.n_frames > 10
-        # The particles cover the map at first, and a spot in the end.
+        # The particles cover the map at first, and a spot at the end.
         assert _area(animation, 0) > 5.0 * _area(animation, animation.n_frames - 1)
 
 
 def _area(animation, k):
-    """Pixels of a frame with about the colour of particles and of the estimated pose, without the legend."""
+    """Number of pixels with the colours of particles and of the estimated pose, without the legend."""
     animation.seek(k)
     picture = np.asarray(animation.convert("RGB"))[120:660].astype(int)
     return np.count_nonzero(np.abs(picture - np.array(ESTIMATED)).sum(axis=-1) < 100)

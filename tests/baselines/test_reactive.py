@@ -7,7 +7,7 @@ from tests.baselines.maps import BURGER, reading_of
 
 
 def reading_of_walls(*, right=np.inf, ahead=np.inf, yaw_rate=0.0):
-    """What a burger sees between a wall parallel to its path and one across it [m]."""
+    """Reading of a burger between a wall parallel to its path and a wall across it [m]."""
     angles = BURGER.lidar.angles
     with np.errstate(divide="ignore"):
         to_right = np.where(np.sin(angles) < 0, right / -np.sin(angles), np.inf)
@@ -40,7 +40,7 @@ def test_the_wall_follower_leaves_a_pillar_that_it_has_been_round():
     while explorer.act(reading_of_walls(right=1.5, yaw_rate=-turn), None).w <= 0.0:
         steps += 1
         assert steps < 200
-    # It turns away to the left when it leaves.
+    # The robot turns to the left when it leaves.
     assert steps == pytest.approx(2.0 * np.pi / (turn * period), abs=2)
 
 

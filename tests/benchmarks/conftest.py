@@ -3,6 +3,6 @@ import pytest
 
 @pytest.fixture
 def no_overview(monkeypatch):
-    """Leave out the pictures over all worlds, which take longest."""
+    """Skip the slow pictures over all worlds."""
     for name in ("curves_section", "gallery_section", "worst_section"):
         monkeypatch.setattr(f"lidarnaut.benchmarks.arena.publish.{name}", lambda *_: None)

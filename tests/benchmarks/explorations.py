@@ -1,5 +1,3 @@
-"""What is measured of explorations, the columns of their rows, and rows that are made up."""
-
 import csv
 
 from lidarnaut.benchmarks.arena.episodes import Episodes
@@ -22,12 +20,11 @@ def row(policy, seed=0, world="maze", area=0.8, time=100.0, distance=50.0, explo
 
 
 def read_rows(folder):
-    """Return the table of an evaluation as text."""
     return list(csv.DictReader((folder / "episodes.csv").read_text().splitlines()))
 
 
 def deterministic(rows):
-    """Return rows without the column that depends on the clock."""
+    """Drop the column that depends on the clock."""
     return [{name: value for name, value in row.items() if name != "decision_ms"} for row in rows]
 
 

@@ -1,5 +1,3 @@
-"""The table of algorithms: its statistics, what it says of a task, and its page with and without results."""
-
 import numpy as np
 import pytest
 import yaml
@@ -39,7 +37,7 @@ TINY = {
 
 
 def make_task(**scores):
-    """A task of two seeds and forty episodes, of which `random` reaches none and `pursuit` half."""
+    """Task of two seeds and forty episodes: `random` reaches no goal, `pursuit` half of them."""
     half = (np.arange(40) % 2.0)[None]
     return TaskResults(
         name="Halls",
@@ -57,9 +55,9 @@ def test_scores_have_the_width_of_what_differs_between_seeds_and_between_episode
     by_seed = score(np.repeat([[0.0], [0.5], [1.0]], 50, axis=1))
     assert by_seed[:3] == pytest.approx((0.5, 0.0, 1.0))
     rng = np.random.default_rng(1)
-    _, low, high, *_ = score(np.tile(rng.random(100) < 0.5, (3, 1)).astype(float))  # the same in all seeds
+    _, low, high, *_ = score(np.tile(rng.random(100) < 0.5, (3, 1)).astype(float))  # equal in all seeds
     assert high - low == pytest.approx(4 * np.sqrt(0.25 / 100), rel=0.15)
-    # Outliers among four seeds are left out.
+    # Outliers among four seeds are ignored.
     assert score(np.repeat([[-9.0], [0.4], [0.6], [9.0]], 2, axis=1)).iqm == pytest.approx(0.5)
 
 

@@ -71,7 +71,7 @@ def test_scenes_run_beside_the_training(tmp_path, scenes):
 def test_the_demo_shortens_the_shipped_configuration():
     config = parse_record(change(read_mapping(CONFIG), TRAINING), str(CONFIG), TrainingConfig)
     assert RIVAL in config.evaluation.references
-    assert config.total_steps % config.evaluation.every == 0  # the last evaluation is that of the trained policy
+    assert config.total_steps % config.evaluation.every == 0
 
 
 def test_the_sentence_names_the_success_of_ppo_and_of_the_classic_policies():

@@ -1,5 +1,3 @@
-"""Recorded drives, and what the stages of `python -m lidarnaut.benchmarks.drives` make of them."""
-
 import json
 import math
 
@@ -78,7 +76,7 @@ def test_slams_on_a_drive_are_measured_and_drawn(tmp_path):
     assert pixels.shape[1] == 1050
     for colour in (style.FREE, style.UNKNOWN):
         assert (np.abs(pixels - colour).max(axis=2) < 12).sum() > 2000
-    assert (np.abs(pixels - style.TRUE).max(axis=2) < 60).sum() > 20  # the path
+    assert (np.abs(pixels - style.TRUE).max(axis=2) < 60).sum() > 20
     with pytest.raises(ValueError, match="--log and --relations go together"):
         compare_slams(log=LOG)
 
@@ -112,7 +110,7 @@ def test_walls_out_of_place_are_found():
     walls.data[2, 3:6] = 100
     data = np.full((6, 30), -1, dtype=np.int8)
     data[4, 6], data[4, 14], data[4, 20], data[5, 14] = 100, 100, 100, 0
-    grid = OccupancyGrid(data, 0.5, (0.0, -2.0))  # half as wide cells: (3.25, 0.25), (7.25, 0.25), (10.25, 0.25) m
+    grid = OccupancyGrid(data, 0.5, (0.0, -2.0))  # cells twice as wide: (3.25, 0.25), (7.25, 0.25), (10.25, 0.25) m
     assert np.argwhere(wrong_cells(grid, Pose2D(0.0, 2.0, 0.0), walls)).tolist() == [[4, 14], [4, 20]]
 
 

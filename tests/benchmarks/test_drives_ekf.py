@@ -1,4 +1,4 @@
-"""The experiment of Nguyen et al. (2021): its drives, its measures, and what it tells and draws."""
+"""Experiment of Nguyen et al. (2021): drives, measures, tables and figures."""
 
 import math
 from collections import Counter
@@ -30,7 +30,6 @@ def drive():
 
 
 def make_drive(errors, covariance):
-    """A drive with given errors of one fusion."""
     truth = np.tile([1.0, 2.0, math.pi - 0.001], (len(errors), 1))
     covariances = np.tile(covariance, (len(errors), 1, 1))
     time, estimated = np.arange(len(errors), dtype=float), {"full": truth + errors}
@@ -47,7 +46,7 @@ def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable(drive):
         assert np.abs(drive.error(fusion)).max() < 100.0
     assert drive.truth[-1, 0] > 1.0
     assert drive.verdicts["encoder"] == {"accepted": STEPS}
-    # Fusions differ: wheels alone do without the compass, the localizer is not filtered.
+    # Fusions differ: wheels alone do not use the compass, and the localizer is not filtered.
     errors = [drive.error(fusion) for fusion in FUSIONS]
     assert all((one != other).any() for k, one in enumerate(errors) for other in errors[:k])
     again = run_drive("kinematic", 0, max_steps=20)
@@ -98,7 +97,7 @@ def test_faults_reach_the_filter_as_they_are_called():
         started.reset(Pose2D(0.0, 0.0, 0.0), start_covariance())
         channel = FaultyChannel(started, fault, np.random.default_rng(0))
         for k in range(num_steps):
-            # Standing still from 30 s on, so that the time of silence is among them.
+            # At rest from 30 s on, because the time of silence is included.
             time = 30.0 + (k + 1) / 17
             measurements = [Measurement(time, kind, np.zeros(2), encoder) for kind in ("encoder", "compass")]
             if k % 5 == 0:

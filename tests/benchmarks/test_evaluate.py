@@ -51,7 +51,7 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
     assert {row["time_to_99"] for row in rows} == {row["distance_to_95"] for row in rows} == {"inf"}
     assert "never<small>&gt; 4 s</small>" in (tmp_path / "report.html").read_text()
 
-    # Asked again for one world more, with a row lost: those alone are run, and the lost one comes out as it was.
+    # With one more world and a lost row, only these episodes are run, and the lost row is reproduced.
     table = (tmp_path / "episodes.csv").read_text().splitlines(keepends=True)
     (tmp_path / "episodes.csv").write_text("".join(table[:-1]))
     assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "maze", "--out", str(tmp_path)]) == 0
@@ -70,7 +70,6 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
     report = (tmp_path / "report.html").read_text()
     Balanced().feed(report)
     assert "<h2>Leaderboard</h2>" in report
-    # Of each world: every measure, the difference to the reference, why episodes ended, and the maps.
     world = report[report.index(f"<h2>{WORLD}</h2>") : report.index("<h2>maze</h2>")]
     for text in ("<th>time to 90 % s</th>", "<th>better than nearest</th>", "time ran out (2)", "random: ", "map IoU"):
         assert text in world, text
@@ -79,7 +78,7 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
 
 
 class Balanced(HTMLParser):
-    """Fails where a tag is closed that is not the innermost open one."""
+    """Fails if a closed tag is not the innermost open one."""
 
     def __init__(self):
         super().__init__()
@@ -122,7 +121,7 @@ def test_wrong_names_fail_before_any_work(tmp_path, capsys, wrong, says):
 
 
 def test_episodes_are_recorded_as_bags_that_change_nothing(tmp_path):
-    options = ["--policies", "nearest", "--worlds", WORLD, *BRIEF, "--shard", "1/1"]  # which publishes nothing
+    options = ["--policies", "nearest", "--worlds", WORLD, *BRIEF, "--shard", "1/1"]  # does not publish anything
     assert main([*options, "--out", str(tmp_path / "a"), "--bags", str(tmp_path / "bags")]) == 0
     assert main([*options, "--out", str(tmp_path / "b")]) == 0
     rows = read_rows(tmp_path / "a")
@@ -147,10 +146,9 @@ def test_traces_hold_the_maps_as_they_grew(tmp_path):
     assert known.any(axis=0)[[0, -1]].all()
     assert known.any(axis=1)[[0, -1]].all()
     assert len(trace.trail) == len(trace.curve.time) == 51
-    # Most of what is known was seen at once; the rest followed as the robot drove.
     assert 0.5 < np.mean(trace.known_since[known] == 0.0) < 1.0
     assert trace.known_since[known].max() <= row["duration"] == 5.0
-    # Seen from the start, occupied cells lie along true walls.
+    # Seen from the start, occupied cells are along true walls.
     cells = np.argwhere(trace.grid.data >= 65)
     points = trace.start.transform(trace.grid.centers(cells[np.isfinite(trace.known_since[tuple(cells.T)])]))
     assert np.mean(wall_distances(points, trace.segments, trace.circles) < 0.15) > 0.95
@@ -175,7 +173,7 @@ def test_times_stay_under_their_cells_when_a_redrawn_map_has_other_borders():
 def test_a_second_evaluation_of_a_folder_says_that_there_is_a_first(tmp_path, capsys):
     options = ["--policies", "random", "--worlds", WORLD, *BRIEF, "--out", str(tmp_path)]
     settings = Settings(policies=("random",), worlds=(WORLD,), episodes=2, physics=("kinematic",), time_limit=4.0)
-    late = Evaluation(settings, tmp_path)  # which does not know yet what the next line runs
+    late = Evaluation(settings, tmp_path)  # created before the next line's runs
     assert main([*options, "--shard", "1/1"]) == 0
     assert late.run() == []
     assert len(read_rows(tmp_path)) == 2

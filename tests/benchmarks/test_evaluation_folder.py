@@ -55,7 +55,6 @@ def test_shards_write_files_of_their_own_and_leave_those_of_others_alone(tmp_pat
     first, second = records_of(tmp_path, "1of2"), records_of(tmp_path, "2of2")
     first.add(row(1))
     second.add(row(2))
-    # The other machine is in the middle of a row.
     with open(tmp_path / "episodes-2of2.csv", "a") as file:
         file.write("random,maze,")
     before = (tmp_path / "episodes-2of2.csv").read_bytes()
@@ -121,7 +120,7 @@ def test_a_world_of_the_users_own_stays_the_same(tmp_path):
     for path, side in ((first, 4), (second, 5)):
         path.write_text(f"bounds: [0, 0, {side}, {side}]\nspawn: [1, 1, 0]\n")
 
-    records_of(folder, maze=str(second)).begin()  # which was never driven in
+    records_of(folder, maze=str(second)).begin()  # never driven in
     records = records_of(folder, "1of2", maze=str(first))
     records.begin()
     records.add(row(0))

@@ -21,7 +21,7 @@ RELATIVE = BY_NAME["relative_time_to_95"]
 
 
 def everywhere(policy, area, time, **more):
-    """Four starts in each of two worlds, of which the second takes ten times as long."""
+    """Four starts in each of two worlds; the second world takes ten times as long."""
     return [
         row(policy, seed, world, area + 0.01 * seed, scale * time, scale * time / 2, **more)
         for world, scale in (("maze", 1.0), ("caves", 10.0))
@@ -76,7 +76,7 @@ def test_the_gap_to_the_bound_is_closed_by_known_shares():
     assert leaderboard.gap_section(episodes.where(lambda row: row["policy"] != "oracle (ground truth)")) is None
     shown = leaderboard.gap_section(episodes).parts[1].lines
     assert [cell.text for cell in shown[0]] == ["quick", "50", "40", "40"]
-    # Where the bound gains nothing there is no gap.
+    # Without gain of the bound there is no gap.
     level = [r | {"area_under_curve": 0.8} if r["policy"] == "oracle (ground truth)" else r for r in ROWS]
     assert leaderboard.gap_section(related(level)).parts[1].lines[0][1].text == "-"
 
@@ -125,7 +125,7 @@ def test_the_table_of_three_policies_fits_120_columns_of_a_terminal():
 
 
 def test_ratios_of_times_are_geometric_means():
-    times = {"nearest": (100.0, math.inf, 0.2), "quick": (50.0, 2000.0, 0.0)}  # of the last, less than a second counts
+    times = {"nearest": (100.0, math.inf, 0.2), "quick": (50.0, 2000.0, 0.0)}  # times below 1 s count as 1 s
     rows = [row(policy, k, time=time) for policy, each in times.items() for k, time in enumerate(each)]
     table = leaderboard.pairs_section(related(rows), MEASURES.gaps).parts[1]
     assert table.lines[0][table.head.index("time to 95 % / nearest's")].text == f"{0.25 ** (1 / 3):.3f}"
@@ -137,7 +137,6 @@ def test_an_axis_is_compared_pair_by_pair():
         for slam, area, time in (("tinyslam", 0.7, 120.0), ("truth", 0.8, 100.0), ("odometry", 0.2, 300.0))
         for seed in range(4)
     ]
-    # These have no partners.
     rows += [row("a", 7, slam="tinyslam", area=0.0), row("a", 0, world="caves"), row("b", 0, world="caves")]
     section = leaderboard.axis_section(Episodes(rows, MEASURES), "slam")
     text, table = section.parts
@@ -200,7 +199,7 @@ def test_what_was_never_reached_does_not_look_reached():
     assert texts(time, Episodes(rows, MEASURES).estimate("a", time)) == ("> 400 s", "1 of 8")
     estimates = {"a": Estimate(400.0, 400.0, 400.0, 1), "b": Estimate(400.0, 400.0, 400.0, 1, 1, (True,) * 3)}
     assert best_of(estimates, time) == {"a"}
-    # Where the reference never got there, its limit is the unit.
+    # If the reference never reached the fraction, its time limit is the unit.
     rows = [*reached_in("nearest", math.inf), *reached_in("a", 100.0)]
     assert [r["relative_time_to_95"] for r in related(rows)] == [math.inf, 0.25]
 

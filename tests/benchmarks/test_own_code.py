@@ -1,5 +1,3 @@
-"""Explorers, policies, worlds, robots and SLAMs of a user enter the arena without an edit of the checkout."""
-
 import re
 import shutil
 import subprocess
@@ -22,7 +20,6 @@ BRIEF = ["--episodes", "1", "--physics", "kinematic", "--time-limit", "6"]
 
 @pytest.fixture
 def own_folder(tmp_path, monkeypatch):
-    """A folder with a module `own_explorers`, which is the current one."""
     shutil.copy(own_code.__file__, tmp_path / "own_explorers.py")
     monkeypatch.chdir(tmp_path)
     yield tmp_path
@@ -32,7 +29,7 @@ def own_folder(tmp_path, monkeypatch):
 
 def test_explorers_and_policies_of_a_users_module_enter_the_arena(own_folder, no_overview):
     policies = ["nearest", *(f"own_explorers:{name}" for name in POLICIES[:-1]), "mine=own_explorers:MaskedModel"]
-    # In another process, with two workers, as users do it: the module is found in the current folder.
+    # In another process with two workers: the module is found in the current folder.
     command = [sys.executable, str(ROOT / "evaluate.py"), *BRIEF, "--policies", *policies]
     options = ["--worlds", "pimouse_arena", "--no-world-sections", "--jobs", "2", "--out", "out"]
     done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
@@ -42,7 +39,7 @@ def test_explorers_and_policies_of_a_users_module_enter_the_arena(own_folder, no
     for row in rows:
         assert 0.0 < float(row["explored_fraction"]) <= 1.0, row
         assert float(row["path_length"]) > 0.3, row
-    # At decision level as well, a trace tells when what became known.
+    # A trace at decision level also has the time of each cell's first observation.
     for path in (own_folder / "out" / "episodes").iterdir():
         trace = Trace.load(path)
         assert ((trace.grid.data >= 0) == (trace.known_since < 1e9)).all()
@@ -60,7 +57,7 @@ def test_whoever_takes_ground_truth_is_a_bound_in_every_row_and_page(own_folder,
     assert "| 1. nearest |" in page
     assert f"| bound: {name} |".replace("_", "\\_") in page
     for text in (page.replace("\\_", "_"), report):
-        shown = text.split("How it was made")[0]  # which has the command
+        shown = text.split("How it was made")[0]  # without the command
         assert shown.count(name.removesuffix(" (ground truth)")) == shown.count(name) > 3
 
 

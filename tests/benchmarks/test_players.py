@@ -15,7 +15,6 @@ OPTIONS = (*POLICIES, "--episodes", "2", "--physics", "kinematic", "--time-limit
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return the folder of an evaluation whose episodes were recorded."""
     folder = tmp_path_factory.mktemp("recorded")
     assert main([*OPTIONS, "--record", "--out", str(folder)]) == 0
     return folder
@@ -38,7 +37,7 @@ def test_recordings_hold_the_episodes_and_change_nothing(folder, tmp_path):
 def test_the_report_links_to_pages_of_typical_and_worst_episodes(folder):
     report = (folder / "report.html").read_text()
     links = re.findall(r'<a href="([^"]+)">turtlebot3_world, seed [01]</a>', report)
-    assert len(links) == 4  # of two policies
+    assert len(links) == 4
     assert {folder / link for link in links} == set((folder / "players").iterdir())
     titles = {re.search("<title>(.*)</title>", (folder / link).read_text())[1] for link in links}
     assert titles == {"nearest in turtlebot3_world", "random and nearest in turtlebot3_world"}

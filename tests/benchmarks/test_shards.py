@@ -41,7 +41,7 @@ def test_shards_partition_the_evaluation_and_merge_to_the_same(whole, tmp_path):
     missing = {failure.key for failure in Evaluation(SETTINGS, tmp_path).missing()}
     for part in parts:
         assert part.run() == []
-        # What runs from one start is in one shard.
+        # All runs from one start are in one shard.
         left = {failure.key for failure in Evaluation(SETTINGS, tmp_path).missing()}
         assert not {key[1:3] for key in missing - left} & {key[1:3] for key in left}
         missing = left
@@ -80,8 +80,6 @@ def test_a_missing_ray_is_named_with_its_extra(tmp_path, monkeypatch, capsys):
 
 
 class Fragile(RandomExplorer):
-    """Breaks in one of its episodes."""
-
     def reset(self, robot, control_period, rng):
         super().reset(robot, control_period, rng)
         self._is_broken = rng.integers(2**32) == np.random.default_rng([1, 1]).integers(2**32)
@@ -102,9 +100,9 @@ def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, caps
         assert f"1 episodes of fragile in {world} could not be run: ZeroDivisionError: no way out (test_sh" in said
     page = (tmp_path / "leaderboard.md").read_text()
     assert "| ZeroDivisionError: no way out" in page
-    assert "4 of 6 episodes" in page  # from the two starts that both have
+    assert "4 of 6 episodes" in page  # from the two starts of both policies
 
-    # Fixed, the same command runs what is missing and nothing else.
+    # After the repair, the command runs only the missing episodes.
     lines = (tmp_path / "episodes.csv").read_text().splitlines()
     assert len(lines) == 1 + 6
     monkeypatch.setitem(EXPLORERS, "fragile", RandomExplorer)
@@ -135,7 +133,7 @@ def test_nothing_is_run_for_a_report(whole, tmp_path, no_overview):
 
 def test_the_arena_of_the_project_covers_everything():
     settings = read_record(Path(__file__).parents[2] / "configs" / "arena.yaml", Settings)
-    # Of the families those that it has results for.
+    # Families are listed only if they have results.
     assert set(settings.worlds) == {*WORLD_NAMES, "rooms", "maze", "warehouse", "caves"}
     assert set(settings.policies) == {
         *EXPLORERS,

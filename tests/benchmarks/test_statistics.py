@@ -26,7 +26,7 @@ def test_estimate_agrees_with_scipys_bootstrap():
     assert found.iqm == stats.trim_mean(np.concatenate(strata), 0.25)
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=0.08)
     assert found.n == 32
-    # Resampling across worlds would change their shares, and with them the estimate.
+    # Resampling across worlds would change their shares and the estimate.
     assert estimate([np.zeros(10), np.ones(10)])[:3] == (0.5, 0.5, 0.5)
 
 
@@ -63,9 +63,9 @@ def test_a_performance_profile_is_the_share_above_each_threshold():
     scores = [np.array([0.2, 0.4]), np.array([0.6, 0.8])]
     middle, low, high = performance_profile(scores, np.array([0.0, 0.2, 0.5, 0.7, 0.8]))
     assert middle.tolist() == [1.0, 0.75, 0.5, 0.25, 0.0]
-    # Of the first world's two episodes none, one or both are above 0.2; the second world's always are.
+    # Of the first world's two episodes zero, one or two are above 0.2; the second world's always are.
     assert (low[1], high[1]) == (0.5, 1.0)
-    # Across worlds, resamples would differ in how many are above 0.5.
+    # Across worlds, the number of samples above 0.5 would vary.
     assert (low[2], high[2]) == (0.5, 0.5)
 
 
@@ -74,11 +74,11 @@ def test_the_gap_closed_is_the_gain_over_the_gain_of_the_bound():
     assert gap_closed([0.25 * gain for gain in bound], bound)[:3] == pytest.approx((0.25, 0.25, 0.25))
     assert gap_closed(bound, bound)[:3] == pytest.approx((1.0, 1.0, 1.0))
     assert gap_closed([-gain for gain in bound], bound).iqm == pytest.approx(-1.0)
-    # The middle half of the gains is (1, 2) of (0, 1, 2, 30), and (4, 6) of the bound's.
+    # The middle half of the gains is (1, 2) of (0, 1, 2, 30), and (4, 6) of the bound's gains.
     found = gap_closed([np.array([0.0, 1.0, 2.0, 30.0])], [np.array([2.0, 4.0, 6.0, 80.0])])
     assert found.iqm == pytest.approx(1.5 / 5.0)
     assert found.low < 0.3 < found.high
-    # A bound that does not clearly gain leaves no gap.
+    # A bound without a clear gain has no gap.
     found = gap_closed([np.array([0.1, 0.2, 0.1])], [np.array([0.5, -0.4, -0.3])])
     assert np.isnan(found[:3]).all()
     assert found.n == 3
@@ -88,7 +88,7 @@ def test_lower_bounds_show_where_they_decide():
     values, reached = np.arange(8.0), np.arange(8) < 6
     exact = estimate([values])
     found = estimate([values], [reached])
-    # The two that were never reached lie in the quarter that is cut off, but not in all resamples.
+    # The two infinite times are in the discarded quarter, but not in all resamples.
     assert found[:4] == exact[:4]
     assert (found.never, found.is_bound) == (2, (False, False, True))
     assert estimate([values], [reached & (values < 5)]).is_bound == (True, False, True)

@@ -1,5 +1,3 @@
-"""Every task is evaluated, reported and played as explorations are, a user's own in an unknown world among them."""
-
 import json
 import pickle
 import re
@@ -62,7 +60,6 @@ def test_a_classic_policy_and_random_are_compared_and_played(id, tmp_path, capsy
         assert f"## {title}" in page, title
     assert headline.title in capsys.readouterr().out
     assert set(json.loads((tmp_path / "summary.json").read_text())) == set(policies)
-    # The folder belongs to this task.
     other = ["--id", "lidarnaut/Explore-v0", "--policies", "frontier", *BRIEF, "--out", str(tmp_path)]
     assert main(other) == (0 if id == "Explore" else 2)
 

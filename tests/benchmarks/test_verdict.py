@@ -14,7 +14,7 @@ STARTS = 8
 
 
 def episodes(policy, times, area=0.8, **more):
-    """Episodes from the same starts; an infinite time never reached 95 %."""
+    """Episodes with equal starts; an infinite time means that 95 % was never reached."""
     limits = {"time_limit": 1000.0, "distance_limit": 1000.0}
     return [
         row(policy, seed, area=area, time=time, distance=time, explored=1.0 if np.isfinite(time) else 0.5, **limits)
@@ -46,7 +46,7 @@ def test_what_differs_from_start_to_start_only_is_not_told_apart():
     assert text.startswith("mine is ahead: 95 % in 0.80 [")
     assert "it cannot be distinguished from frontier (0.81 [" in text
     assert "rrt" not in text
-    # Their intervals overlap as much, but from every start the one is faster by as much.
+    # The intervals overlap, but one policy is faster from every start.
     paired = say(nearest=BASE, frontier=81.0 + SPREAD, mine=80.0 + SPREAD)
     assert paired.startswith("mine is fastest")
 
@@ -88,7 +88,7 @@ def test_what_no_training_saw_comes_first():
     lines = [[line[1].text for line in section.parts[-1].lines] for section in (unseen_ranking, ranking)]
     assert lines[0] == lines[1]
     assert unseen_ranking.parts[1] != ranking.parts[0]
-    # Where nothing was learned, all starts are alike.
+    # Without learned models, all starts are alike.
     classic = related([row | {"model": ""} for row in rows])
     assert not verdict_section(classic).parts[0].startswith("In worlds")
     assert len(ranking_sections(classic)) == 1
@@ -107,12 +107,12 @@ def test_the_picture_holds_all_of_its_labels(slowest):
     text, figure = verdict_section(related([row for item in times.items() for row in episodes(*item)])).parts
     assert text.startswith("mine is fastest")
     pixels = np.asarray(Image.open(io.BytesIO(figure.content)).convert("L"))
-    assert pixels[:, [0, -1]].min() > 240  # nothing is cut off
+    assert pixels[:, [0, -1]].min() > 240
     assert pixels[[0, -1]].min() > 240
 
 
 def test_the_worst_episodes_are_those_that_lose_most_of_the_reference(monkeypatch):
-    monkeypatch.setattr("lidarnaut.benchmarks.arena.overview.NUM_WORST_MAPS", 0)  # which need traces
+    monkeypatch.setattr("lidarnaut.benchmarks.arena.overview.NUM_WORST_MAPS", 0)  # skips plots that need traces
     times = [50.0, 150.0, 80.0, np.inf, 120.0, 90.0, 70.0, 60.0]
     section = worst_section(None, related([*episodes("nearest", BASE), *episodes("mine", times)]))
     assert section.title == "Where mine does worst"

@@ -1,5 +1,3 @@
-"""Pages of the documentation that are made of registry, docstrings and sources."""
-
 import re
 import sys
 from pathlib import Path
@@ -15,7 +13,6 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 @pytest.fixture(scope="module", autouse=True)
 def extension():
-    """The folder of the extension, from which Sphinx imports it."""
     sys.path.insert(0, str(DOCS / "_ext"))
     yield
     sys.path.remove(str(DOCS / "_ext"))
@@ -46,7 +43,7 @@ def test_cards_differ_and_observations_are_explained():
     assert len(texts) >= 8
     assert len({text for _, text in texts}) == len(texts)
     assert len([text for _, text in texts if re.search(r"Free area: \d+( to \d+)?\sm²\.", text)]) == 7
-    for name in set(pages) - {"index.md", "explorefrontiersabstract.md"}:  # which refers to another page
+    for name in set(pages) - {"index.md", "explorefrontiersabstract.md"}:  # refers to another page
         space = pages[name][pages[name].index("## Observation Space") :]
         space = space[: space.index("## Rewards")]
         keys = re.findall(r"`(\w+)`: `(?:Box|MultiBinary)", pages[name][: pages[name].index("## Description")])

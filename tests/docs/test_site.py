@@ -1,5 +1,3 @@
-"""The built documentation, `make docs`: what its pages lead to, show, and have room for."""
-
 import functools
 import html
 import json
@@ -15,19 +13,17 @@ import lidarnaut
 from tests.browser import needs_browser, visit
 
 SITE = Path(os.environ.get("LIDARNAUT_SITE", ""))
-"""Folder of the site; `make docs` names it once it has built it."""
+"""Folder of the site; set by `make docs` after the build."""
 needs_site = pytest.mark.skipif(not os.environ.get("LIDARNAUT_SITE"), reason="`make docs` builds the site")
 PLAYER = "episode.html"
 NOTEBOOKS = sorted(Path(__file__).parents[2].glob("docs/tutorials/*.ipynb"))
 
 
 class Page(HTMLParser):
-    """What a page refers to, and what refers to it."""
-
     def __init__(self, text):
         super().__init__()
         self.anchors, self.targets, self.images, self.outputs = {"", "top"}, [], 0, 0
-        self._depth = 0  # of elements within the output of a cell; 0 outside
+        self._depth = 0  # nesting depth of elements within the output of a cell; 0 outside
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
@@ -49,7 +45,7 @@ def read_page(path):
 
 
 def broken_links(page):
-    """Return what a page or stylesheet of a site refers to, within the site, and what is not there."""
+    """Return the targets of a page or stylesheet within the site that do not exist."""
     if page.suffix == ".css":
         targets = re.findall(r"url\([\"']?([^\"')]+)", page.read_text(encoding="utf-8"))
     else:
@@ -86,14 +82,14 @@ def test_the_tutorial_trains_an_explorer():
     page = (SITE / "tutorials" / "train_an_explorer.html").read_text(encoding="utf-8")
     untrained = int(re.search(r"untrained: +\d+ % explored, (\d+) s", page).group(1))
     trained = int(re.search(r"^trained: +\d+ % explored, (\d+) s; nearest: \d+ s", page, re.M).group(1))
-    assert trained < untrained  # in trainings with six seeds 12 to 19 s, after 40 to 47 s
+    assert trained < untrained  # with six seeds 12 to 19 s after training, 40 to 47 s before
 
 
 @needs_site
 def test_the_tutorial_among_people_learns_and_plays_an_episode():
     page = (SITE / "tutorials" / "learn_among_people.html").read_text(encoding="utf-8")
     untrained, trained = map(int, re.search(r"untrained: (\d+) % of the goals, trained: (\d+) %", page).groups())
-    assert trained > untrained  # with five seeds 33 to 50 %, after 0 to 17 %
+    assert trained > untrained  # with five seeds 33 to 50 % after training, 0 to 17 % before
     assert page.count('<iframe class="episode" title="A recorded episode" srcdoc=') == 1
 
 
@@ -101,15 +97,14 @@ def test_the_tutorial_among_people_learns_and_plays_an_episode():
 def test_the_tutorial_of_an_own_world_trains_exports_and_drives():
     page = (SITE / "tutorials" / "own_world_to_robot.html").read_text(encoding="utf-8")
     untrained, trained = map(float, re.findall(r"trained: \d+ % of the goals, .* ([\d.]+)$", page, re.M))
-    assert trained > untrained  # with five seeds 0.77 to 0.88, after 0.02 to 0.52
-    assert "report.html" in page  # of the evaluation
+    assert trained > untrained  # with five seeds 0.77 to 0.88 after training, 0.02 to 0.52 before
+    assert "report.html" in page
     assert re.search(r"\d+ kB, sees_around, every 0.1 s", page)
     assert re.search(r"(reached|wall|person|time_limit) after [\d.]+ s and [\d.]+ m", page)
 
 
 @pytest.fixture(scope="module")
 def answer():
-    """Return what the harness reports of all pages, at two widths of the window."""
     paths = ",".join(path.relative_to(SITE).as_posix() for path in sorted(SITE.rglob("*.html")))
     return visit(SITE, Path(__file__).with_name("site.html"), f"widths=1280,390&pages={paths}")
 

@@ -15,7 +15,6 @@ def test_points_go_with_the_pose_that_they_were_nearest_to():
     seen = poses[1].between(Pose2D(*points[1], 0.0))
     np.testing.assert_allclose(carried[1], moved[1].compose(seen)[:2])
     assert correction.apply(np.empty((0, 2))).shape == (0, 2)
-    # Without poses, points stay.
     unmoved = Correction(np.empty((0, 3)), np.empty((0, 3))).apply(points)
     np.testing.assert_array_equal(unmoved, points)
     assert unmoved is not points

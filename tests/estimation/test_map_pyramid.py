@@ -20,7 +20,7 @@ def random_grid(resolution=0.05):
 
 
 def crops(pyramid, pose, *pixels):
-    """Return the crops with pixels of these sizes, by default near and far: shape (n, 3, SIZE, SIZE)."""
+    """Return crops of these pixel sizes, by default near and far: shape (n, 3, SIZE, SIZE)."""
     pixels = pixels or (NEAR_PIXEL, FAR_PIXEL)
     out = np.empty((len(pixels), 3, SIZE, SIZE), dtype=np.uint8)
     for pixel, crop in zip(pixels, out):
@@ -48,15 +48,15 @@ def test_crops_equal_slow_ones(resolution, pixel):
     x, y = pose.x - grid.origin[0], pose.y - grid.origin[1]
     slow = crop_in_numpy(pooled, x / side, y / side, pose.theta, pixel / side, SIZE)
     assert shown.any(axis=(1, 2)).all()
-    # Look-ups that fall on a border between blocks may go either way in single precision. Shares of free cells are
-    # rounded once per level.
+    # Look-ups at borders between blocks may round either way in single precision. Shares of free cells are rounded once
+    # per level.
     off = (shown[0] != slow[0]) | (np.abs(shown[1].astype(int) - slow[1]) > 1) | (shown[2] != slow[2])
     assert off.mean() < 0.005
 
 
 @pytest.mark.parametrize("windows", [[Window(41, 13, 37, 89)], [Window(41, 13, 10, 28), Window(60, 90, 18, 12)], None])
 def test_a_crop_shows_what_has_changed_since_the_last_one(windows):
-    """In some windows, or for None everywhere, with another trail."""
+    """Changes are in some windows, or anywhere for None, with another trail."""
     grid, trail, pose = random_grid(), trail_of((0.5, 0.5)), Pose2D(0.2, 0.1, 0.4)
     pyramid = MapPyramid(grid, [trail])
     before = crops(pyramid, pose)
@@ -98,7 +98,7 @@ def test_a_grown_map_is_pooled_anew_and_keeps_where_the_robot_was():
 
 def test_crops_point_forward_and_left():
     data = np.full((200, 200), -1, dtype=np.int8)
-    # The robot stands at the origin and looks along +y; a wall lies 2 m ahead, free space 2 m to its left (-x).
+    # The robot is at the origin and faces +y; a wall is 2 m ahead, free space 2 m to its left (-x).
     data[140:144, 96:104] = 100
     data[96:104, 58:62] = 0
     near, _ = crops(MapPyramid(OccupancyGrid(data, 0.05, (-5.0, -5.0)), []), Pose2D(0.01, 0.01, math.pi / 2))
@@ -112,7 +112,7 @@ def test_crops_point_forward_and_left():
 
 @pytest.mark.parametrize("theta", np.linspace(0.0, 1.5, 7))
 def test_no_thin_wall_is_lost(theta):
-    """A wall of single cells is seen in most of the pixels that it crosses, however the robot is turned."""
+    """A wall of single cells appears in most of the pixels that it crosses, at any heading of the robot."""
     data = np.zeros((640, 640), dtype=np.int8)
     data[340, :] = 100
     pyramid = MapPyramid(OccupancyGrid(data, 0.05, (-16.0, -16.0)), [])

@@ -11,11 +11,10 @@ from tests.rooms import BURGER, ORIGIN, PLAIN, begin
 
 PERIOD = 0.1
 ROBOT = replace(BURGER, odometry=replace(BURGER.odometry, ticks_per_rev=1e9))
-"""Counts so fine that rounding does not show."""
+"""Encoder resolution that makes rounding negligible."""
 
 
 def after(left, right, yaw_rate=0.0, offset=(0, 0)):
-    """The reading after the wheels have rolled these distances [m]."""
     per_metre = ROBOT.odometry.ticks_per_rev / (2 * math.pi * ROBOT.odometry.wheel_radius)
     ticks = round(left * per_metre) + offset[0], round(right * per_metre) + offset[1]
     return Reading(0.0, np.empty(0, dtype=np.float32), ticks, yaw_rate, math.nan, False)
@@ -44,7 +43,7 @@ def test_turns_come_from_the_gyroscope_and_distances_from_the_wheels():
     odometry = GyroMotion(ROBOT, PERIOD)
     odometry.reset(after(0.0, 0.0))
     quarter = math.pi / 2
-    # The left wheel spins; the arc of radius 1 m is as long as the wheels have rolled on average.
+    # The left wheel slips; the arc of radius 1 m has the mean length of both wheels.
     motion = odometry.update(after(quarter + 0.1, quarter - 0.1, yaw_rate=quarter / PERIOD))
     assert motion == pytest.approx((1.0, 1.0, quarter), abs=1e-6)
 
@@ -56,7 +55,7 @@ def test_the_robot_says_which_odometry_it_has(uses_gyro, kind):
 
 
 def test_the_gyroscope_halves_the_drift_of_heading_at_least():
-    """Wheels that slip, over 5 min of driving; with the bias and noise of the library's robot."""
+    """With wheel slip over 5 min of driving, and bias and noise of the library's robot."""
     sources = GyroMotion(BURGER, PERIOD), WheelMotion(BURGER)
     errors = []
     for seed in range(8):
@@ -73,7 +72,7 @@ def test_the_gyroscope_halves_the_drift_of_heading_at_least():
         errors.append([wrap_angle(heading - simulator.states[0].pose.theta) for heading in headings])
     gyro, wheels = np.sqrt(np.mean(np.square(errors), axis=0))
     assert gyro < 0.5 * wheels
-    assert gyro < 300 * BURGER.imu.gyro_bias_std  # what the bias alone would make, had it not been measured at rest
+    assert gyro < 300 * BURGER.imu.gyro_bias_std  # drift by the bias, without calibration at rest
 
 
 def test_the_bias_is_estimated_while_the_wheels_rest_and_a_push_is_no_bias():

@@ -1,5 +1,3 @@
-"""People in scans, in a hall of known walls; circles are moved by hand."""
-
 import copy
 import itertools
 import math
@@ -45,7 +43,6 @@ SEGMENTS = np.array([row for block in [(0.0, 0.0, SIDE), *BLOCKS] for row in squ
 
 
 def scan(pose, circles, rng, lidar=LIDAR):
-    """Return a scan with noise in the hall."""
     out = np.empty(lidar.num_beams)
     x, y, theta = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
     cast_rays(x, y, theta, lidar.beams, SEGMENTS, np.array([*PILLARS, *circles], dtype=float), out)
@@ -53,13 +50,13 @@ def scan(pose, circles, rng, lidar=LIDAR):
 
 
 def ends_of(pose, ranges):
-    """Return where beams end, shape (num_beams, 2), world frame."""
+    """Return endpoints of beams, shape (num_beams, 2), world frame [m]."""
     ranges = np.nan_to_num(ranges, posinf=1e3)
     return pose.transform((ranges * LIDAR.directions).T + (LIDAR.mount.x, LIDAR.mount.y))
 
 
 def body(kind, x, y, vx, vy, time):
-    """Return the circles of a person: a disc, or legs that swing."""
+    """Return the circles of a person: a disc, or swinging legs."""
     if kind == "disc":
         return [(x, y, 0.25)]
     speed = math.hypot(vx, vy)
@@ -70,13 +67,13 @@ def body(kind, x, y, vx, vy, time):
 
 
 def course(time):
-    """Return where a robot is that drives a figure of eight round the block at 1 m/s and turns fast."""
+    """Return the pose on a figure of eight around the block at 1 m/s, with fast turns."""
     angle = time / 3.0
     return Pose2D(6.0 + 3.5 * math.sin(angle), 4.0 + 2.5 * math.sin(2.0 * angle), 2.0 * math.sin(0.9 * time))
 
 
 def drive(tracker, people, seconds, rng, kind="disc", lidar=LIDAR, course=course):
-    """Yield, scan by scan, time, pose, what the tracker says, and true people; `people`: functions of the time."""
+    """Yield time, pose, tracker output and true people for each scan; `people`: functions of the time."""
     before = course(-0.1)
     for k in range(int(seconds * 10)):
         time = 0.1 * k
@@ -89,7 +86,7 @@ def drive(tracker, people, seconds, rng, kind="disc", lidar=LIDAR, course=course
 
 
 def walks(number, rng):
-    """Return people that walk to and fro on straight lines at 0.5 to 1.3 m/s."""
+    """Return people that walk straight, back and forth, at 0.5 to 1.3 m/s."""
 
     def walk(start, end, speed, time):
         length = math.dist(start, end)
@@ -184,7 +181,7 @@ def test_who_is_hidden_is_kept_for_a_while_and_who_has_gone_is_not():
     assert (0, 1) in hidden
     assert hidden[-1] == (0, 0)
 
-    def walking(time):  # and vanishes
+    def walking(time):
         return (3.0 + time, 4.5, 1.0, 0.0) if time < 3.0 else (-50.0, -50.0, 1.0, 0.0)
 
     shown = [len(tracks) for _, _, tracks, _, _ in drive(PeopleTracker(LIDAR, 0.1), [walking], 4.0, rng, course=stand)]
@@ -260,7 +257,7 @@ def test_somebody_who_follows_another_is_lost_nowhere():
 
     rng, missed = np.random.default_rng(9), 0
     tracker = PeopleTracker(LIDAR, 0.1, SENSITIVE_TRACKER)
-    people = [walker(7.0), walker(5.56)]  # the second one is after 1.2 s where the first one was
+    people = [walker(7.0), walker(5.56)]  # after 1.2 s the second person is at the first one's start
     for time, pose, _, rows, _ in drive(tracker, people, 2.5, rng, course=lambda _: Pose2D(8.0, 9.0, math.pi / 2.0)):
         places = pose.transform(tracker.bodies[:, :2])
         gaps = np.hypot(*(places[:, None] - rows[None, :, :2]).T).T.reshape(len(places), 2)
@@ -269,7 +266,7 @@ def test_somebody_who_follows_another_is_lost_nowhere():
 
 
 def test_the_filter_is_that_of_kalman():
-    """The equations for four states, in matrices, against those for one axis."""
+    """Matrix equations for four states, compared with the equations for one axis."""
     params, dt, rng = TrackerParams(), 0.1, np.random.default_rng(6)
     numbers = tracker_numbers(LIDAR, params)
     track = np.zeros(TRACK_SIZE)

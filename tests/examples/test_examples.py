@@ -1,5 +1,3 @@
-"""Every example runs, on a small budget, and gives what its text says."""
-
 import ast
 import csv
 import importlib
@@ -24,7 +22,7 @@ NEEDS = {"pettingzoo_team": "pettingzoo", "run_onnx": "onnxruntime", "torchrl_pp
 
 @pytest.fixture
 def load(monkeypatch):
-    """Imports an example by name, in its folder; the test is skipped where what it needs is not installed."""
+    """Import an example by name in its folder; skip the test if a requirement is missing."""
     monkeypatch.chdir(EXAMPLES)
     monkeypatch.syspath_prepend(str(EXAMPLES))
 

@@ -1,7 +1,4 @@
-"""Parts of one's own, from the examples, by their names: what each of make, make_vec, train.py and evaluate.py takes.
-
-docs/customize/index.md has the table of these.
-"""
+"""User-defined parts of the examples; docs/customize/index.md has the table of parts."""
 
 import csv
 import sys
@@ -25,7 +22,6 @@ OWN = {
     "observations": {"motion": None, "beacons": None, "sectors": "own_observation:Sectors"},
     "slam": "own_slam:make_forgetful",
 }
-"""Arguments of an environment that are all of one's own."""
 TRAINING = {
     "total_steps": 16,
     "num_envs": 2,
@@ -37,7 +33,6 @@ TRAINING = {
 
 @pytest.fixture(autouse=True)
 def in_examples(monkeypatch, tmp_path):
-    """Find the examples by name, as the commands do in their folder, and leave results elsewhere."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
     monkeypatch.chdir(tmp_path)
     yield
@@ -46,7 +41,6 @@ def in_examples(monkeypatch, tmp_path):
 
 
 def train_on(environment, **changes):
-    """Train for a few steps, and return the run folder."""
     settings = {"num_workers": 0, "time_limit": 2.0, **environment}
     config = {**TRAINING, **changes, "experiment": "own", "environment": settings}
     Path("own.yaml").write_text(yaml.safe_dump(config))

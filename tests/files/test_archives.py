@@ -12,7 +12,6 @@ from lidarnaut.envs.player.recording import Recording
 
 
 def bomb(path, size):
-    """Write an archive with arrays of zeros of `size` bytes."""
     header = b"\x93NUMPY\x01\x00v\x00" + f"{{'descr': '|u1', 'fortran_order': False, 'shape': ({size},), }}".encode()
     header = header.ljust(127) + b"\n"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
@@ -21,7 +20,7 @@ def bomb(path, size):
 
 
 def lie(path, size):
-    """Write a small archive whose header promises `size` bytes."""
+    """Write a small archive with a header that claims `size` bytes."""
     header = b"\x93NUMPY\x01\x00v\x00" + f"{{'descr': '|u1', 'fortran_order': False, 'shape': ({size},), }}".encode()
     with zipfile.ZipFile(path, "w") as file:
         for name in ("about", "curve", "t", "odo", "idx", "ranges", "origin", "map"):

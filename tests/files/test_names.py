@@ -9,7 +9,7 @@ TABLE = {"nearest": 1, "tour": 2}
 
 @pytest.fixture(autouse=True)
 def mine(tmp_path, monkeypatch):
-    """Modules of the user's own in the current directory, which is not among the paths of the interpreter."""
+    """Modules in the current directory, which is not in `sys.path`."""
     for name, text in {
         "mine": "class Outer:\n    inner = 7\n\nspeed = 3\n",
         "broken": "import no_such_dependency\n",

@@ -43,7 +43,7 @@ def test_the_next_writer_in_a_folder_sweeps_it_but_for_what_others_write(write, 
     node = platform.node()
     (tmp_path / f".old.mcap.{node}.{dead.pid}.tmp").mkdir()
     (tmp_path / f".old.csv.{node}.{dead.pid}.tmp").write_text("half")
-    # A process that had the number of this one, and what another thread of this one, and its parent, are writing.
+    # Files of an earlier process with this process ID, of another thread, and of the parent process.
     (earlier := tmp_path / f".earlier.csv.{node}.{os.getpid()}.tmp").write_text("half")
     os.utime(earlier, (1e9, 1e9))
     kept = {f".live.csv.{node}.{os.getpid()}.tmp", f".live.csv.{node}.{os.getppid()}.tmp"}
@@ -139,6 +139,6 @@ def test_a_folder_with_links_is_refused_before_anything_is_written(tmp_path, whe
     with pytest.raises(ValueError, match=rf"{where} is a symbolic link: writing through links is refused; remove it"):
         own_folder(folder)
     (tmp_path / "named").symlink_to(tmp_path / "precious")
-    assert own_folder(tmp_path / "named").is_symlink()  # the caller names it
+    assert own_folder(tmp_path / "named").is_symlink()
     with pytest.raises(ValueError, match="named is a symbolic link"):
         own_folder(tmp_path, "named")

@@ -43,7 +43,7 @@ def test_a_record_survives_being_written(tmp_path):
         ({"speed": 1, "wheels": [{}]}, "mem: key 'wheels.0.radius' is missing"),
         ({"speed": 1, "wheels": [{"radius": -1}]}, "mem: wheels.0: radius must be positive, got -1.0$"),
         ({"speed": 1, "spare": {"radios": 1}}, r"unknown key 'spare.radios' \(did you mean 'radius'\?\); allowed"),
-        ({"sped": 1, "colour": 2}, r"^(mem: .*\n){2}mem: .*$"),  # each mistake has a line of its own
+        ({"sped": 1, "colour": 2}, r"^(mem: .*\n){2}mem: .*$"),
         ([1], "mem: must be a mapping of keys to values, got list"),
     ],
 )
@@ -53,7 +53,7 @@ def test_mistakes_name_source_key_and_what_is_allowed(content, message):
 
 
 def bomb(first, line, repeats):
-    """A small file each of whose twelve lines holds the one before several times."""
+    """Return a small file with twelve lines; each line repeats the previous one several times."""
     lines = (f"a{k}: &a{k} {line.format(', '.join([f'*a{k - 1}'] * repeats))}" for k in range(1, 12))
     return "\n".join([f"a0: &a0 {first}", *lines])
 
@@ -98,7 +98,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path, text, message):
             "x: &x {a: 1, b: 2}\ny: &y {<<: *x, b: 3}\nz: {<<: [*y, {c: 4}], d: 5}",
             {"x": {"a": 1, "b": 2}, "y": {"a": 1, "b": 3}, "z": {"a": 1, "b": 3, "c": 4, "d": 5}},
         ),
-        ("a: " + "1" * 200_000 + "x", {"a": "1" * 200_000 + "x"}),  # a long text of digits, which takes no long time
+        ("a: " + "1" * 200_000 + "x", {"a": "1" * 200_000 + "x"}),
     ],
 )
 def test_aliases_merges_and_long_texts_are_read(tmp_path, text, content):

@@ -10,7 +10,6 @@ TURN = 2 * math.pi
 
 
 def all_pairs(x, y, heading, beams, segments, circles, num_beams):
-    """Every beam against every segment and circle."""
     angles = heading + beams.angle_min + beams.angle_increment * np.arange(num_beams)
     d = np.column_stack([np.cos(angles), np.sin(angles)])
     with np.errstate(all="ignore"):
@@ -28,7 +27,7 @@ def all_pairs(x, y, heading, beams, segments, circles, num_beams):
 
 
 def cast(segments=(), circles=(), *, angles=(0.0, math.pi / 2, 4)):
-    """Cast rays from the origin: the first angle, the increment, and the number of beams."""
+    """Cast rays from the origin; `angles`: first angle, increment, number of beams."""
     angle_min, increment, num_beams = angles
     out, segments, circles = np.empty(num_beams), np.array(segments, float), np.array(circles, float)
     cast_rays(0.0, 0.0, 0.0, Beams(angle_min, increment, 10.0), segments.reshape(-1, 4), circles.reshape(-1, 3), out)

@@ -1,5 +1,3 @@
-"""Windows of grid cells against sets of cells."""
-
 import numpy as np
 import pytest
 from hypothesis import given

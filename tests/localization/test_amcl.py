@@ -17,7 +17,7 @@ from tests.slam.rooms import scan
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
 LIDAR = LidarParams(180, 6.0)
-# An L-shaped room with a pillar: no two poses in it look alike.
+# An L-shaped room with a pillar: no two poses look alike.
 CORNERS = [(0, 0), (7, 0), (7, 3), (4, 3), (4, 5), (0, 5)]
 SEGMENTS = np.array([(*a, *b) for a, b in zip(CORNERS, CORNERS[1:] + CORNERS[:1])], dtype=float) + 0.025
 CIRCLES = np.array([[2.0, 3.5, 0.3]])
@@ -35,14 +35,14 @@ START = Pose2D(1.5, 1.0, 0.2)
 
 
 def started(seed, pose=START, **changes):
-    """A localizer at a pose that is known well, or for None anywhere."""
+    """Localizer at a well-known pose; None: global localization."""
     amcl = Amcl(LIDAR, replace(PARAMS, **changes))
     amcl.reset(np.random.default_rng(seed), pose, MAP, SURE)
     return amcl
 
 
 def _circle(steps=100, start=START):
-    """Yield true poses and odometry that is a little wrong."""
+    """Yield true poses and slightly wrong odometry."""
     pose = start
     rng = np.random.default_rng(9)
     yield pose, Pose2D(0.0, 0.0, 0.0)
@@ -63,7 +63,7 @@ def _follow(amcl, steps=100, **kwargs):
 
 
 def test_a_posterior_known_by_hand():
-    """Three beams ahead and a wall: the cloud must settle where Bayes' rule, worked cell by cell, puts it."""
+    """Three beams ahead and a wall: the particles have to match the posterior computed cell by cell."""
     data = np.zeros((21, 60), dtype=np.int8)
     data[:, 50] = 100
     grid = OccupancyGrid(data, 0.1, (0.0, 0.0))
@@ -84,7 +84,7 @@ def test_a_posterior_known_by_hand():
     x_drawn = amcl.particles[:, 0]
     assert x_drawn.mean() == pytest.approx(mean, abs=0.01)
     assert x_drawn.var() == pytest.approx((posterior * (x - mean) ** 2).sum(), rel=0.06)
-    assert abs(mean - 2.85) > 0.1  # the scan has something to say
+    assert abs(mean - 2.85) > 0.1  # the scan is informative
 
 
 @pytest.mark.parametrize("sensor", ["likelihood_field", "likelihood_field_prob", "beam"])
@@ -107,7 +107,7 @@ def test_global_localization_and_the_cloud_shrinks():
     assert amcl.num_particles == 20_000
     assert math.isnan(amcl.fit)
     free = MAP.data[tuple(MAP.cells(amcl.particles[:, :2]).T)] == 0
-    assert free.mean() > 0.999  # single precision may put one on the border of its cell
+    assert free.mean() > 0.999  # rounding may put one on the border of its cell
     errors, estimate = _follow(amcl)
     assert errors[-1, 0] < 0.1
     assert not estimate.is_lost
@@ -140,7 +140,7 @@ def test_a_kidnapped_robot_relocalizes(changes):
 
 
 def test_a_map_of_another_world_makes_it_lost_and_the_right_one_does_not():
-    # A narrow zigzag: nothing in it looks like the room of the map.
+    # A narrow zigzag unlike the room of the map.
     x = np.linspace(-1.0, 4.0, 21)
     teeth = np.stack([x, 0.6 + 0.35 * (np.arange(21) % 2)], axis=1)
     low, high = (np.column_stack([row[:-1], row[1:]]) for row in (teeth, teeth + (0.0, 1.6)))
@@ -187,7 +187,7 @@ FEW = np.where(np.arange(LIDAR.num_beams) % 60 == 0, np.float32(1.0), NOTHING)
         (Pose2D(50.0, 0.0, 0.0), NOTHING, 0.05),
         (Pose2D(50.0, 0.0, 0.0), FEW, 3.0),  # a spread cloud, and too few hits to judge it
         (Pose2D(50.0, 0.0, 0.0), NOTHING * np.float32(np.nan), 3.0),
-        (Pose2D(-1.5, -1.5, 0.0), None, 0.0),  # into the unknown beside the room
+        (Pose2D(-1.5, -1.5, 0.0), None, 0.0),  # into the unknown outside of the room
     ],
 )
 def test_a_filter_whose_particles_have_all_left_the_free_space_starts_anew(name, jump, blind, spread):
@@ -246,7 +246,7 @@ def test_beams_that_say_nothing(sensor):
     spread = estimate.covariance[0, 0]
     estimate = amcl.update(Reading.of_scan(nothing), Pose2D(0.5, 0.0, 0.0))
     assert estimate.pose.x == pytest.approx(1.5 + 0.5 * math.cos(0.2), abs=0.03)
-    assert estimate.covariance[0, 0] > spread  # nothing but noise has come in
+    assert estimate.covariance[0, 0] > spread
     assert math.isnan(amcl.fit)
     reading = see(START.compose(Pose2D(0.7, 0.0, 0.0)))
     reading.ranges[::3] = np.nan

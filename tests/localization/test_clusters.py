@@ -23,7 +23,7 @@ def test_what_lies_off_the_map_counts_to_its_edge():
 
 
 def test_clusters_equal_dbscan():
-    """Touching bins are DBSCAN with the radius of one bin, where headings are compared around the turn."""
+    """Touching bins are DBSCAN with a radius of one bin; headings wrap around."""
     rng = np.random.default_rng(8)
     for _ in range(20):
         count = int(rng.integers(2, 60))

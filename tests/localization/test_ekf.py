@@ -1,5 +1,3 @@
-"""The Kalman filter against a slow reference, known answers, and late, missing and wrong measurements."""
-
 import math
 
 import numpy as np
@@ -32,7 +30,7 @@ def started(pose=ORIGIN, v=0.0, w=0.0, **params):
 
 
 def slow_predict(state, covariance, duration, noise, num_steps):
-    """Equations (2) and (3) as they stand in the paper, with whole matrices."""
+    """Equations (2) and (3) of the paper, with whole matrices."""
     dt = duration / num_steps
     for _ in range(num_steps):
         x, y, theta, v, w = state
@@ -51,7 +49,7 @@ def slow_predict(state, covariance, duration, noise, num_steps):
 
 
 def slow_correct(state, covariance, kind, values, R):
-    """The update as the paper has it, with an inverse."""
+    """Update of the paper, with an inverse."""
     H = np.eye(5)[MEASURED[kind]]
     K = covariance @ H.T @ np.linalg.inv(H @ covariance @ H.T + R)
     innovation = values - H @ state
@@ -90,7 +88,7 @@ def test_headings_are_compared_across_the_turn(kind):
 
 
 def drive_measurements(seed, duration=4.0, v=0.5, w=0.4):
-    """Measurements of an even arc, each kind at its own rate, with noise as they say."""
+    """Measurements of a steady arc, each kind at its own rate and with its stated noise."""
     rng = np.random.default_rng(seed)
     measurements = []
     for kind, period in (("encoder", 1 / 17), ("compass", 1 / 10), ("map", 0.31)):
@@ -159,7 +157,7 @@ def test_the_filter_recovers_from_a_kidnapped_robot():
 
 
 def drive_and_stop(stamp, num=100, kinds=("encoder", "compass"), **params):
-    """Drive at 0.5 m/s for 5 s, then stop; `stamp` gives kind and true time of a measurement its stamps, if any."""
+    """Drive at 0.5 m/s for 5 s, then stop; `stamp` maps kind and true time of a measurement to its stamps, if any."""
     ekf = started(v=0.5, **params)
     for k in range(1, num + 1):
         for kind in kinds:
@@ -208,7 +206,7 @@ def test_measurements_far_apart():
     ]
     bounded, asked = started(v=0.5, max_ahead=math.inf), started(v=0.5)
     for k in range(1, 7):
-        asked.estimate(5.0 * k - 0.5)  # the caller's clock
+        asked.estimate(5.0 * k - 0.5)
         assert asked.add(measure(5.0 * k, "encoder", 0.5, 0.0)) == "accepted"
         assert bounded.add(measure(5.0 * k, "encoder", 0.5, 0.0)) == "accepted"
 
@@ -223,9 +221,9 @@ def test_the_first_stamp_is_compared_with_the_time_of_the_reset():
 
 
 def drive(ekf, stamps, seconds=20.0):
-    """Add measurements of all kinds at 10 Hz while the robot drives 0.5 m/s; `stamps` gives the stamp by kind and time.
+    """Drive at 0.5 m/s with all measurements at 10 Hz; return the final position error [m].
 
-    Return the error of the position at the end [m].
+    `stamps` maps kind and true time of a measurement to its stamp.
     """
     for k in range(1, round(10 * seconds) + 1):
         time = 0.1 * k
@@ -246,7 +244,7 @@ def drive(ekf, stamps, seconds=20.0):
         (lambda kind, t: t + 20.0 if kind == "compass" else None if 5.0 < t < 8.0 else t, True),
         # The first stamp after a reset without a time is wrong.
         (lambda kind, t: t + 500.0 if kind == KINDS[0] and t < 0.15 else t, False),
-        # All clocks are set forward, or back.
+        # All clocks are set forward or back.
         (lambda kind, t: t + 100.0 * (t > 5.0), True),
         (lambda kind, t: t + 100.0 * (t < 5.0), False),
     ],

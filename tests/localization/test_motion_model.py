@@ -44,7 +44,6 @@ def test_without_noise_particles_move_as_odometry_does():
 def test_spread_follows_the_alphas(backwards):
     params = AmclParams(alpha1=0.04, alpha2=0.01, alpha3=0.09, alpha4=0.02)
     turn, distance = 0.5, 2.0
-    # Turning by `turn`, then driving `distance` along the new heading, forwards or backwards.
     sign = -1.0 if backwards else 1.0
     motion = Pose2D(sign * distance * math.cos(turn), sign * distance * math.sin(turn), turn)
     particles = np.zeros((3, 200_000), dtype=np.float32)

@@ -1,5 +1,3 @@
-"""Places that look alike: the filter must stay lost until something tells them apart, and be right after that."""
-
 import itertools
 import math
 from dataclasses import replace
@@ -23,7 +21,6 @@ NO_CIRCLES = np.empty((0, 3))
 
 
 def walls_of(*corners, x=0.0, y=0.0):
-    """Return the walls between corners, moved by (x, y)."""
     points = np.array(corners, dtype=float) + (x + 0.025, y + 0.025)
     return np.hstack([points, np.roll(points, -1, axis=0)])
 
@@ -47,7 +44,7 @@ def drive(amcl, walls, poses, before=None):
 
 
 def straight(*points, step=0.1):
-    """Return poses along straight lines, a step [m] apart, with turns on the spot."""
+    """Return poses along straight lines, `step` [m] apart, with turns on the spot."""
     poses, heading = [], None
     for (x0, y0), (x1, y1) in itertools.pairwise(points):
         goal = math.atan2(y1 - y0, x1 - x0)
@@ -124,7 +121,7 @@ def test_mirrored_rooms_are_told_apart():
 
 @pytest.mark.parametrize("has_chest", [True, False])
 def test_a_piece_of_furniture_that_comes_into_view_decides(has_chest):
-    """Two rooms with a corner; behind it, in one of them, stands a chest. Its absence is evidence, too."""
+    """Two rooms with a corner; only one has a chest behind the corner. A missing chest is evidence, too."""
     corner = ((0, 0), (5, 0), (5, 2), (2, 2), (2, 6), (0, 6))
     walls = np.vstack([walls_of(*corner), walls_of(*corner, x=6), box(1.3, 4.8, 1.9, 5.4)])
     x = 0.0 if has_chest else 6.0
@@ -158,7 +155,7 @@ def test_crossed_beams_by_hand():
     data[5:15, 30:34] = 100
     grid = OccupancyGrid(data, 0.1, (0.0, 0.0))
     field = LikelihoodField(PARAMS, LIDAR, grid)
-    # Past the obstacle, through it, up to it, into it by less than the margin, and along its side.
+    # Behind the obstacle, through it, up to it, into it by less than the margin, and along its side.
     hits = np.array([[20.0, 0.0], [35.0, 0.0], [19.5, 0.0], [21.0, 0.0], [40.0, 5.2]], dtype=np.float32).T.copy()
     lidars = np.array([[0.0, 0.0]] * 4 + [[0.0, 5.2]], dtype=np.float32).T.copy()
 

@@ -31,7 +31,6 @@ def _scan(rng):
 
 
 def _field_reference(params, grid, ranges, particles):
-    """Weigh particles as the formulas are written, one beam at a time."""
     occupied = grid.centers(np.argwhere(grid.data >= 65))
     x_min, y_min, x_max, y_max = grid.bounds
     weights = []
@@ -63,7 +62,7 @@ def test_likelihood_fields_equal_their_formulas(sensor, squash):
     level = LikelihoodField(params, LIDAR, grid)(ranges)(particles, weights)
     expected = _field_reference(params, grid, ranges, particles)
     ratio = weights / prior / expected
-    # Single precision puts a beam into the next cell now and then.
+    # Single precision occasionally puts a beam into the next cell.
     same = np.abs(ratio / np.median(ratio) - 1.0) < 2e-3
     assert same.mean() > 0.9
     if sensor == "likelihood_field":
@@ -123,7 +122,7 @@ def test_rays_end_where_the_finest_walk_ends():
             else:
                 travelled += 0.01
         worst.append(abs(found - min(travelled, 50.0)))
-    # What sticks into the ray by less than half a cell may be missed, and here obstacles are specks of a single cell.
+    # Obstacles that overlap the ray by less than half a cell may be missed; here they are single cells.
     assert np.mean(np.array(worst) < 0.55) > 0.93
 
 

@@ -1,4 +1,4 @@
-"""Writes bags of all kinds for the tests of their reader."""
+"""Bags of all formats for tests of the reader."""
 
 import math
 
@@ -12,11 +12,9 @@ SCAN, ODOMETRY, TF = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_
 
 
 class Messages:
-    """Makes messages of ROS 1 or ROS 2."""
-
     def __init__(self, store):
         self.store = get_typestore(store)
-        if TF not in self.store.types:  # ROS 1 has it in another package
+        if TF not in self.store.types:  # ROS 1 has the type in another package
             self.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
 
     def make(self, kind, *args, **fields):
@@ -28,7 +26,7 @@ class Messages:
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **seq)
 
     def quaternion(self, yaw=0.0, roll=0.0):
-        """Return the rotation by roll about x and then by yaw about z."""
+        """Return the rotation by roll about x, followed by yaw about z."""
         (cy, sy), (cr, sr) = ((math.cos(a / 2), math.sin(a / 2)) for a in (yaw, roll))
         return self.make("geometry_msgs/msg/Quaternion", cy * sr, sy * sr, sy * cr, cy * cr)
 
@@ -47,7 +45,7 @@ class Messages:
         return self.make(ODOMETRY, self.header(seconds, "odom"), base, pose, twist)
 
     def transforms(self, seconds, *edges):
-        """Return a TFMessage of edges (parent, child, x, y, yaw, roll)."""
+        """`edges`: (parent, child, x, y, yaw, roll)."""
         stamped = []
         for parent, child, x, y, yaw, roll in edges:
             moved = self.make("geometry_msgs/msg/Vector3", x, y, 0.2)
@@ -61,10 +59,10 @@ def write_bag(path, messages, storage="mcap", compression=None):
     """Write (topic, message) pairs, a second apart, into a bag; return its path.
 
     Args:
-        path: of the bag without a suffix.
-        messages: a function of `Messages` that returns the pairs.
+        path: path of the bag without suffix.
+        messages: function of `Messages` that returns the pairs.
         storage: "ros1" (`path.bag`), "sqlite3" or "mcap" (a folder), or "file" (`path.mcap`).
-        compression: None, "BZ2" or "LZ4" for ROS 1, "STORAGE" or "MESSAGE", both by Zstandard, for ROS 2.
+        compression: None, "BZ2" or "LZ4" for ROS 1, "STORAGE" or "MESSAGE" (Zstandard) for ROS 2.
     """
     ros1 = storage == "ros1"
     maker = Messages(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
@@ -93,7 +91,7 @@ def write_bag(path, messages, storage="mcap", compression=None):
 
 
 def drive(m):
-    """Three scans on a straight drive along x, between odometry messages that are 0.1 s apart."""
+    """Three scans on a straight drive along x, between odometry messages 0.1 s apart."""
     yield "/tf_static", m.transforms(0.0, ("base_link", "mast", 0.1, 0.0, math.pi / 2, 0.0))
     yield "/tf_static", m.transforms(0.0, ("mast", "laser", 0.2, 0.0, 0.0, 0.0))
     for k in range(4):

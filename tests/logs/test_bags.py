@@ -11,7 +11,7 @@ INF, NAN = math.inf, math.nan
 
 
 def standing(tmp_path, ranges, *mount, **beams):
-    """Write a bag of two scans of a robot that stands still, with the mount (x, y, yaw, roll) of its lidar."""
+    """Write a bag of two scans at rest; `mount`: (x, y, yaw, roll) of the lidar."""
 
     def messages(m):
         if mount:
@@ -165,7 +165,7 @@ def test_a_bag_without_scans_says_what_it_holds(tmp_path):
 
 
 def driving(tmp_path, scans, transforms=(), odometry=()):
-    """Write a bag of a robot that drives 0.1 m/s along x from 10 to 20 s; `scans` are arguments of `Messages.scan`."""
+    """Write a bag of a drive at 0.1 m/s along x from 10 to 20 s; `scans`: arguments of `Messages.scan`."""
 
     def messages(m):
         for topic, seconds, *edges in transforms:
@@ -197,7 +197,7 @@ def cast(x, y, angles):
 
 
 def errors(log, poses=None):
-    """Return how far returns lie from what the room has there: shape (m, num_beams) [m], NaN without a return."""
+    """Return errors of returns against the room, shape (m, num_beams) [m], NaN without a return."""
     mount, angles = log.lidar.mount, log.lidar.angles
     poses = log.odometry[log.scan_rows] if poses is None else poses
     found = []
@@ -241,7 +241,7 @@ def test_scans_of_varying_length_lie_on_common_beams(tmp_path, counts):
     assert len(log.ranges) == len(usable)
     assert any("scans are left out" in note for note in log.notes) == (len(usable) < len(counts))
     off = errors(log)
-    assert np.nanmax(off) < 0.05  # beside corners
+    assert np.nanmax(off) < 0.05  # except at corners
     for row, count in zip(off, usable):
         assert np.isnan(row).mean() == pytest.approx(max(0.0, 1.0 - count / 360) if 300 in counts else 0.0, abs=0.01)
 

@@ -89,7 +89,7 @@ ARRAYS |= {"ang0": -1.0, "dang": 0.5, "maxr": 8.0}
 
 
 def write_arrays(folder, **changes):
-    """Write an archive in which some arrays differ, or are missing where they are None; return its path."""
+    """Write an archive with changed arrays, or without arrays set to None; return its path."""
     arrays = {name: array for name, array in (ARRAYS | changes).items() if array is not None}
     np.savez_compressed(folder / "drive.npz", **arrays)
     return folder / "drive.npz"
@@ -151,7 +151,7 @@ ROBOT = {"ahead": (0.2, 0, 0), "behind": (-0.2, 0.1, 0), "facing back": (0, 0.3,
 
 
 def robotlaser(mount, step=1.0, first=-1.0, count=3, poses=None):
-    """Lines of a robot that drives and turns, with a laser at a mount (x, y, yaw)."""
+    """Lines of a robot that drives and turns, with a laser at `mount` (x, y, yaw)."""
     lines = []
     for k in range(3):
         pose = Pose2D(6.0 + 0.1 * k, 8.0, 0.5 + 0.2 * k)
@@ -242,7 +242,7 @@ def test_odometry_is_bridged_where_both_neighbours_fit():
         assert np.cos(fixed[:, 2] - right[:, 2]).min() > 1.0 - 1e-9
         assert f"at {times[rows.start]:.3f} s" in said
         assert f"{rows.stop - rows.start} poses are interpolated" in said
-    # Beside the first pose, and the last one, there is one neighbour alone.
+    # The first and the last pose have only one neighbour.
     for row in (0, 59):
         poses = right.copy()
         poses[row, :2] += 5.0
@@ -261,7 +261,7 @@ def test_a_jump_that_stays_is_named_and_not_bridged():
     assert "odometry moves by 7.0" in said
     assert "at 5.000 s, beyond 5 m/s or 10 rad/s: 1 jumps stay" in said
     assert bridge_glitches(times, np.zeros((100, 3)))[1] == []
-    # What one robot can do, another cannot: limits, stamps or units are wrong, and nothing is changed.
+    # Limits depend on the robot: limits, stamps or units are wrong, and the log stays unchanged.
     poses = np.column_stack([4.0 * times, np.zeros(100), np.zeros(100)])
     assert bridge_glitches(times, poses)[1] == []
     fixed, (said,) = bridge_glitches(times, poses, (0.33, 3.0))

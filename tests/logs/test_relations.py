@@ -108,7 +108,7 @@ def test_beams_through_walls_are_counted():
     still = np.zeros((11, 3))
     assert conflict_share(log, still) == 2 / 43
     turned = still.copy()
-    turned[:10, 2] = math.pi / 4  # the wall that the last scan passes through is beside its beams
+    turned[:10, 2] = math.pi / 4  # beams miss the wall that the last scan passes through
     assert conflict_share(log, turned) == 0.0
 
 
@@ -121,7 +121,6 @@ def test_a_room_seen_twice_at_different_poses_conflicts():
     for value in (np.nan, 1e12):
         poses[3, 1] = value
         assert math.isnan(conflict_share(log, poses))
-    # Without a return there is nothing to tell.
     assert math.isnan(conflict_share(log_of([[np.inf] * 4, [np.nan] * 4]), np.zeros((2, 3))))
 
 
@@ -132,6 +131,6 @@ def test_thinned_logs_keep_scans_that_are_far_apart_or_turned():
     thinned = log.thinned(1.0, 0.5)
     np.testing.assert_array_equal(thinned.scan_rows, [0, 3, 6])
     np.testing.assert_array_equal(thinned.ranges[:, 0], [1.0, 4.0, 7.0])
-    assert len(thinned.times) == 7  # odometry stays as it is
+    assert len(thinned.times) == 7
     assert log.step_length == pytest.approx(0.3)
     assert thinned.step_length == pytest.approx(0.6)

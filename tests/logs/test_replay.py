@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class TurningSlam:
-    """A SLAM of the user's own: each scan turns the robot by a right angle on the spot."""
+    """Turns the robot by 90 degrees at each scan."""
 
     def __init__(self, lidar, resolution):
         self.belief = None
@@ -58,22 +58,18 @@ class ClosingSlam(TurningSlam):
 
 
 class FinishingSlam(ClosingSlam):
-    """Corrects everything again at the end."""
+    """Corrects all poses again at the end."""
 
     def finish(self):
         self.belief.path = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.57]])
 
 
 class WrongSlam(TurningSlam):
-    """Corrects more poses than there are."""
-
     def finish(self):
         self.belief.path = np.zeros((5, 3))
 
 
 class LostSlam(TurningSlam):
-    """Is lost after the second of two scans."""
-
     def update(self, reading, motion):
         belief = super().update(reading, motion)
         belief.is_lost = self.theta == math.pi
@@ -81,7 +77,7 @@ class LostSlam(TurningSlam):
 
 
 class AnchoredSlam(TurningSlam):
-    """Corrects a path that holds the first scan alone, on which the others hang."""
+    """Corrects a path of the first scan only; later scans are relative to the first one."""
 
     @property
     def anchor(self):
@@ -92,7 +88,6 @@ class AnchoredSlam(TurningSlam):
 
 
 OWN = f"{__name__}:"
-"""Before the name of a SLAM of this module."""
 
 
 @pytest.fixture
@@ -221,7 +216,7 @@ def test_a_map_that_contradicts_its_scans_must_not_be_trusted(tmp_path, capsys):
     assert f"{100 * run.conflict_share:.1f} % of the beams pass through walls of its map" in said
     assert "sparse log: 1.00 m between scans (median)" in said
     assert "warning: do not trust odometry" in said
-    main(Options(tmp_path / "drive.npz", slam="odometry", preset="sparse", thin=(3.0, 3.0)))  # one scan is left
+    main(Options(tmp_path / "drive.npz", slam="odometry", preset="sparse", thin=(3.0, 3.0)))
     assert "warning" not in capsys.readouterr().out
 
 
@@ -289,7 +284,7 @@ def test_picture_shows_low_y_at_the_bottom():
 @needs_data
 @pytest.mark.parametrize(
     ("slam", "seed", "online", "final", "rotation", "milliseconds"),
-    [  # single seeds of GMapping: 0.048 to 0.080 m; times are about a tenth where nothing else runs
+    [  # single seeds of GMapping: 0.048 to 0.080 m; times are about a tenth on an idle machine
         ("tinyslam", 200, 0.15, 0.15, 3.0, 5.0),
         ("hector", 0, 0.045, 0.045, 1.5, 1.0),
         ("gmapping", 200, 0.09, 0.09, 2.5, 15.0),

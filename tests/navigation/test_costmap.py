@@ -48,7 +48,7 @@ def test_unknown_space_is_tracked():
     costs = make_costmap(grid_of(data), CostmapParams(robot_radius=0.1, inflation_radius=0.3)).costs[0]
     assert costs[0] == 253
     assert costs[1] == 254
-    # Unknown cells are unknown beyond where the footprint would touch what is known.
+    # Unknown cells farther than the inscribed radius from obstacles stay unknown.
     assert (costs[2:4] == 253).all()
     assert (costs[4:29] == 255).all()
     assert costs[30] == 253

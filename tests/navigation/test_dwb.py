@@ -1,5 +1,3 @@
-"""DWB: trajectories, each critic by itself, and what the planner makes of them."""
-
 import math
 
 import numpy as np
@@ -48,7 +46,7 @@ def test_trajectories_are_arcs_once_the_speed_is_reached():
     assert theta == pytest.approx(1.0)
     assert (x, y) == pytest.approx((0.5 * math.sin(1.0), 0.5 * (1.0 - math.cos(1.0))), abs=1e-4)
     num = roll_out(0.4, 0.0, motion(acc=0.5), poses)
-    # 0.8 s to reach 0.4 m/s, then 0.2 s at it.
+    # 0.8 s to reach 0.4 m/s, then 0.2 s at this speed.
     assert poses[num - 1, 0] == pytest.approx(0.5 * 0.5 * 0.8**2 + 0.4 * 0.2, abs=4e-3)
 
 
@@ -97,7 +95,7 @@ def test_path_and_goal_critics_count_cells():
     assert scores[0, PATH_DIST] == 3
     assert scores[0, GOAL_DIST] == 10
     assert scores[1, GOAL_DIST] > scores[0, GOAL_DIST]
-    # The point in front looks to where the robot will turn.
+    # The point in front shows the direction of the coming turn.
     left, right = scores_of([(0.0, 1.0), (0.0, -1.0)], path_row=MIDDLE + 3)[:, PATH_ALIGN]
     assert left < right
 
@@ -119,7 +117,7 @@ def test_a_robot_that_touches_something_may_leave_but_not_approach():
 
 
 def test_who_would_meet_somebody_is_out_of_the_question():
-    # Somebody crosses the path at x = 0.4 m when the faster trajectory is there, and the slower one is not.
+    # A person crosses the path at x = 0.4 m: only the faster trajectory is there at this time.
     people = np.array([[0.4, -0.8, 0.0, 0.8, 0.1]])
     scores = scores_of([(0.4, 0.0), (0.05, 0.0)], people=people, now=motion(0.4))
     assert list(np.isnan(scores[:, PATH_DIST])) == [True, False]

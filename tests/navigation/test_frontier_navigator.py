@@ -1,5 +1,3 @@
-"""Frontiers on offer, drives to them, and no choice that traps a robot."""
-
 import dataclasses
 import math
 
@@ -27,8 +25,10 @@ PERIOD = 0.2
 
 
 def room(width=4.0, height=2.0, *, doors=()):
-    """A room with its corner at the origin, known and free inside walls; beyond the doors (x0, x1) above, free cells
-    of a strip that borders on the unknown."""
+    """Known room with its corner at the origin.
+
+    Beyond the doors (x0, x1) in its upper wall are free cells that border on the unknown.
+    """
     data = np.full((round(height / 0.05) + 20, round(width / 0.05)), -1, dtype=np.int8)
     rows = round(height / 0.05)
     data[:rows] = 0
@@ -51,12 +51,11 @@ def offered(data, x, y, *, max_candidates=24, theta=0.0, **planning):
 
 
 def empty_features(num):
-    """Features, sectors and gaps of candidates, to be overwritten."""
     return (np.ones((num, size), dtype=np.float32) for size in (len(FEATURES), 2 * NUM_SECTORS, num))
 
 
 class Robot:
-    """A robot in a room of 4 m x 2 m with one door; it stands as if held, or drives exactly as commanded."""
+    """Robot in a room of 4 m x 2 m with one door; it is held in place or follows commands exactly."""
 
     def __init__(self, *, held=False, bumping=False, seconds=math.inf, max_time=60.0, data=None, robot=BURGER):
         data = room(doors=((2.8, 3.6),)) if data is None else data
@@ -67,7 +66,6 @@ class Robot:
         self._held, self._bumping, self._seconds = held, bumping, seconds
 
     def change(self, rows, cols, value):
-        """Change the map as a scan would."""
         self.belief.grid.data[rows, cols] = value
         self.navigator.map.update(self.belief.grid, Window(0, 0, *self.belief.grid.data.shape))
 
@@ -142,7 +140,7 @@ def test_long_frontiers_are_split_and_short_ones_wait():
     assert len(set(found["group"].tolist())) == 1
     assert found["size"].sum() == pytest.approx(found["group_size"][0])
     x = np.sort(found["frontier"][:, 0])
-    # Each part is represented by its cell nearest to the robot, in the middle.
+    # Each part is represented by its middle cell nearest to the robot.
     assert np.diff(x).max() <= 2.0 + 1e-9
     assert np.ptp(x) >= 6.0
     small = room(doors=((0.5, 0.9),))
@@ -151,7 +149,7 @@ def test_long_frontiers_are_split_and_short_ones_wait():
 
 
 def test_gaps_that_only_a_smaller_robot_would_pass_come_last():
-    # A wall before the robot leaves a gap of 0.2 m; the frontier is too far behind it to be looked at from here.
+    # A wall ahead leaves a gap of 0.2 m; the frontier is too far behind it to be visible from here.
     data = room(height=4.0, doors=((1.5, 2.5),))
     data[30:32] = 100
     data[30:32, 38:42] = 0
@@ -171,7 +169,6 @@ def test_features_say_where_and_since_when():
     assert named["left"] == pytest.approx((y - 1.0) / 16.0)
     assert named["age"] == pytest.approx(robot.time / (robot.time + 60.0))
     assert named["chosen"] == 1.0
-    # The path to a door ahead on the left turns counter-clockwise.
     assert 0.0 < named["turn"] < 0.5
     assert named["cost_ratio"] == 1.0
     assert named["rank"] == 0.0
@@ -196,7 +193,7 @@ def test_a_robot_arrives_and_what_it_cannot_see_there_is_ignored():
     viewpoint = robot.navigator.candidates["viewpoint"][0]
     assert robot.decide() == "arrived"
     assert math.dist(viewpoint, robot.belief.pose[:2]) <= 0.2
-    # The map has not changed: looking at this frontier is of no use, and there is no other.
+    # The map is unchanged: the only frontier is an unproductive goal.
     assert len(robot.navigator.map.ignored_points)
     assert len(robot.navigator.candidates) == 0
     assert robot.navigator.end_reason == "no_reachable_frontier"
@@ -211,7 +208,7 @@ def test_a_narrow_lidar_looks_around_before_a_frontier_is_ignored():
         assert len(robot.navigator.map.ignored_points)
         looking = [k for k, twist in enumerate(robot.commands) if twist.v > 0.0][-1]
         turned.append(PERIOD * sum(abs(twist.w) for twist in robot.commands[looking + 1 :]))
-    # Both turn once around in the end, since nothing is left.
+    # Both turn once on the spot at the end, because no candidate is left.
     assert turned[0] == pytest.approx(2.0 * math.pi, abs=0.3)
     assert turned[1] > 4.0 * math.pi - fov - 0.3
 
@@ -234,7 +231,7 @@ def test_a_look_around_ends_when_the_frontier_is_observed_and_nothing_is_ignored
 
 def test_what_lies_behind_a_wall_is_not_ignored():
     data = room(doors=((2.8, 3.6),))
-    # Right of where the robot looks out of the door, a wall, and a nook with a frontier of its own.
+    # A wall to the right of the viewpoint in the door, and a nook with its own frontier.
     data[38:46, 66:74] = 100
     data[40:46, 68:74] = 0
     robot = Robot(data=data)
@@ -254,10 +251,10 @@ def test_a_robot_that_is_held_fails_backs_up_and_is_rid_of_what_it_fails_to_reac
         before = robot.time
         assert robot.decide() == "failed"
         assert robot.navigator.candidates.last_failed
-        # Stuck for ten seconds, besides the recoveries in between.
+        # Stuck for ten seconds, plus the recoveries in between.
         assert 9.0 < robot.time - before < 30.0
     assert min(twist.v for twist in robot.commands) < 0.0
-    # The frontier is longer than what is ignored at once, but not by much.
+    # The frontier is slightly longer than the part ignored after one failure.
     assert 3 <= failures < 8
     assert len(robot.navigator.candidates) == 0
     assert robot.navigator.end_reason == "stuck"
@@ -288,7 +285,7 @@ def test_a_frontier_that_is_chosen_late_does_not_fail_at_once():
         before = robot.time
         outcomes.append(robot.decide())
         times.append(robot.time - before)
-    # Stuck after ten seconds, in the midst of the third drive or the recovery before.
+    # Stuck after ten seconds, during the third drive or the recovery before.
     assert outcomes[:2] == ["time_up", "time_up"]
     assert "failed" in outcomes
     assert min(times) > 4.0 - PERIOD
@@ -299,7 +296,6 @@ def test_a_frontier_that_is_gone_ends_the_drive_after_a_second():
     data = robot.belief.grid.data
     robot.change(slice(None), slice(None), np.where(data < 0, 100, data))
     assert robot.decide() == "frontier_gone"
-    # A second, and the turn on the spot in search of others.
     assert robot.time == pytest.approx(1.0 + 2.0 * math.pi / NavigatorParams().spin_rate, abs=2 * PERIOD)
 
 
@@ -324,7 +320,7 @@ def test_obstacles_that_the_map_misses_are_planned_around():
 
 
 def test_a_drive_goes_on_when_the_map_is_corrected():
-    """The map and the robot's pose jump by 0.5 m and a quarter turn in the middle of a drive."""
+    """Map and pose jump by 0.5 m and 90 degrees in the middle of a drive."""
     robot = Robot(seconds=2.0)
     navigator, belief = robot.navigator, robot.belief
     robot.decide()
@@ -351,7 +347,7 @@ def test_a_drive_goes_on_when_the_map_is_corrected():
     np.testing.assert_allclose(navigator.navigator.goal, moved.transform(goal[None])[0], atol=1e-9)
     np.testing.assert_allclose(navigator._failures, moved.transform([(3.2, 1.9), (0.5, 0.5)]), atol=1e-9)
     np.testing.assert_allclose(navigator.map.ignored_points, moved.transform(ignored), atol=1e-9)
-    # The path is planned anew, and ends where the old one did.
+    # The new path ends at the end of the old path.
     np.testing.assert_allclose(navigator.plan[-1], moved.transform(plan[-1:])[0], atol=0.15)
     assert math.dist(navigator.plan[0], belief.pose[:2]) < 0.15
     robot._seconds = math.inf
@@ -370,7 +366,7 @@ def test_a_robot_that_is_bumped_again_and_again_gives_up(nothing_left):
 
 
 def met_at_the_door():
-    """A robot that has seen somebody walk through its door, which the map then shows as closed, and has no way left."""
+    """Robot that has seen a person walk through its door; the map then shows the door as closed, with no path left."""
     robot = Robot(max_time=4.0)
     robot.belief.people = np.array([[2.2, 1.0, 0.0, 0.5, 0.25]])
     robot.navigator.look_around()
@@ -384,7 +380,7 @@ def met_at_the_door():
 def test_a_robot_that_has_met_people_goes_and_looks_again_before_it_gives_up():
     robot = met_at_the_door()
     robot._seconds = robot.time + 40.0
-    assert robot.decide() is None  # it still looks
+    assert robot.decide() is None
     assert math.dist(robot.belief.pose[:2], (3.2, 1.9)) < 0.8
     robot.change(slice(38, 40), slice(56, 72), 0)
     robot._seconds = math.inf

@@ -1,5 +1,3 @@
-"""Frontier kernels against SciPy and brute force, and what is in view of a candidate against areas by hand."""
-
 import math
 
 import numpy as np
@@ -39,7 +37,6 @@ def test_unknown_cells_are_counted_also_outside(row, col, radius, seed):
 
 
 def view(data, row, col, reach):
-    """Return free lengths, unknown areas and the outward ray."""
     free, unknown = np.empty(NUM_RAYS), np.empty(NUM_RAYS)
     outward = cast_view(data, row, col, reach, free, unknown)
     return free, unknown, outward
@@ -50,7 +47,6 @@ def test_all_is_in_view_where_nothing_is_known():
     free, unknown, _ = view(data, 50, 50, 40)
     assert (free == 40).all()
     assert unknown.sum() == pytest.approx(math.pi * 40**2, rel=0.03)
-    # What lies beyond the map is unknown as well.
     np.testing.assert_allclose(view(data[:60, :60], 50, 50, 40)[1], unknown)
 
 

@@ -1,5 +1,3 @@
-"""Drives to goals on known maps and on growing ones: they get there, or say why not."""
-
 import math
 
 import numpy as np
@@ -25,7 +23,7 @@ TRUE = {"world": "turtlebot3_world", "physics": "kinematic", "localizer": "truth
 
 
 def hall():
-    """10 m x 4 m around the origin; a closed cell at its end; unknown beyond x = 4."""
+    """Hall of 10 m x 4 m around the origin with a closed cell at its end; unknown beyond x = 4."""
     data = np.zeros((80, 200), dtype=np.int8)
     data[:, 180:] = -1
     data[[0, -1]] = data[:, [0, -1]] = 100
@@ -146,7 +144,7 @@ def test_a_path_through_the_unknown_is_taken_where_that_is_allowed():
     grid = hall()
     grid.data[1:-1, 145:155] = 0
     assert navigator_to((4.5, 0.0), allow_unknown=True).act(reading_of(), Belief(HERE, grid)).v > 0.0
-    # On a map that grows it is, also beyond the map.
+    # On a growing map the path is valid, also outside of the map.
     grid.data[1:-1, -1] = -1
     growing = Belief(HERE, grid)
     growing.update = MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 80, 200))
@@ -170,7 +168,7 @@ def test_a_gap_too_narrow_for_the_robot_is_looked_at_on_a_map_that_grows_where_t
 
 
 def unknown(pose=HERE):
-    """Return what dead reckoning believes, which keeps no map."""
+    """Belief of dead reckoning, without a map."""
     blank = OccupancyGrid(np.full((1, 1), -1, dtype=np.int8), 0.05, (0.0, 0.0))
     return Belief(pose, blank, MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 1, 1)))
 
@@ -271,7 +269,6 @@ def test_a_robot_that_gets_nowhere_tries_everything_and_then_gives_up():
     assert navigator.end_reason == "stuck"
     actions = np.array(actions)
     assert actions[:, 0].min() < 0.0
-    # It spun for half a turn at least once.
     spun = (actions[:, 0] == 0.0) & (np.abs(actions[:, 1]) > 0.1)
     assert spun.sum() * 0.1 > math.pi
 
@@ -279,7 +276,7 @@ def test_a_robot_that_gets_nowhere_tries_everything_and_then_gives_up():
 def test_a_lost_robot_drives_by_the_scan_until_it_is_found():
     navigator, grid = navigator_to((-4.0, 0.0)), hall()
     ahead = navigator.act(reading_of(), Belief(HERE, grid, is_lost=True))
-    # The goal lies behind; the scan says that there is room ahead.
+    # The goal is behind; the scan shows free space ahead.
     assert ahead[0] > 0.0
     assert navigator.plan is None
     found = navigator.act(reading_of(), Belief(HERE, grid))
@@ -288,7 +285,7 @@ def test_a_lost_robot_drives_by_the_scan_until_it_is_found():
 
 
 def test_scans_that_do_not_belong_to_the_map_end_lost():
-    """On the map of another world AMCL reports that it is lost, and the navigator fails instead of driving anywhere."""
+    """On the map of another world AMCL reports that it is lost: the navigator has to fail without driving."""
     other = LidarEnv(Navigate, world="turtlebot3_stage_4", physics="kinematic")
     other.reset(seed=0)
     ends = {"start": (-2.0, -0.5, 0.0), "goal": (2.0, 0.5, 0.0)}

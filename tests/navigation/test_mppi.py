@@ -1,5 +1,3 @@
-"""MPPI: what sequences cost, by a slow reference, and what the planner makes of it among walls and people."""
-
 import math
 
 import numpy as np
@@ -21,7 +19,7 @@ def planner_of(robot=JACKAL, seed=0, **params):
 
 
 def reference_cost(controls, mean, now, path, points, tracks, p):
-    """The cost of one sequence, step by step, with exact distances from points."""
+    """Cost of one sequence, step by step, with exact distances from points."""
     x = y = theta = cost = away = left = turned = 0.0
     v, w = now
     nearest = 0
@@ -74,7 +72,7 @@ def test_sequences_cost_what_the_reference_says():
     expected = [reference_cost(one, mean, now, path, points, tracks, p) for one in controls]
     touches = np.isinf(expected)
     assert 0 < touches.sum() < len(controls)
-    # A cell's diagonal may decide whether a sequence touches something.
+    # The diagonal of a cell may decide whether a sequence has a contact.
     agree = touches == (costs >= COLLISION_COST)
     assert agree.mean() >= 0.9
     free = agree & ~touches
@@ -82,7 +80,10 @@ def test_sequences_cost_what_the_reference_says():
 
 
 def drive(planner, robot, path, num_steps, people=(), walls=NOTHING):
-    """Follow a path; people are rows of `tracks` in the map frame. Returns the poses and the least gap to people."""
+    """Follow a path; return the poses and the minimum gap to people.
+
+    `people`: rows of `tracks` in the map frame.
+    """
     planner.set_path(path)
     pose, v, w, gap, poses = Pose2D(*path[0], 0.0), 0.0, 0.0, math.inf, []
     people = np.array(people, dtype=np.float64).reshape(-1, 5)
@@ -106,7 +107,7 @@ STRAIGHT = resample(np.array([[0.0, 0.0], [8.0, 0.0]]), 0.05)
 
 
 def test_people_are_passed_where_they_will_not_be():
-    # Somebody crosses so that both would meet at x = 4 m.
+    # A person crosses on a collision course with the robot at x = 4 m.
     crossing = [(4.0, -2.6, 0.0, 1.3, 0.3)]
     poses, gap = drive(planner_of(), JACKAL, STRAIGHT, 80, crossing)
     assert gap > 0.05

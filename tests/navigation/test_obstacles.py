@@ -1,5 +1,3 @@
-"""Obstacles near the robot: what is remembered, and how far an arc is free."""
-
 import dataclasses
 import math
 import pickle
@@ -25,7 +23,7 @@ def robot_with(**lidar):
 
 
 def scan_of(robot, pose, points):
-    """The beams that would hit lone points in the world, seen from a pose; each point fills the beam nearest to it."""
+    """Scan of single points (world frame); each point fills the nearest beam."""
     lidar = robot.lidar
     sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
     ranges = np.full(lidar.num_beams, np.inf, dtype=np.float32)
@@ -38,7 +36,7 @@ def scan_of(robot, pose, points):
 
 
 class Wheels:
-    """Readings of a robot that drives at a speed [m/s] and a yaw rate [rad/s] for a tenth of a second each time."""
+    """Readings of a robot that drives at a speed [m/s] and a yaw rate [rad/s] for 0.1 s each."""
 
     def __init__(self, robot):
         self.robot, self.pose, self.angles = robot, Pose2D(0.0, 0.0, 0.0), np.zeros(2)
@@ -55,7 +53,6 @@ class Wheels:
 
 
 def begin(robot, points):
-    """Return a navigator after its first reading, and what drives the robot."""
     navigator, wheels = Navigator(robot, 0.1), Wheels(robot)
     navigator.reset(wheels.drive(0.0, 0.0, points))
     return navigator, wheels
@@ -77,7 +74,7 @@ def test_what_comes_too_near_is_remembered_until_it_is_seen_again():
         found = navigator.obstacles
         inside = np.array([wheels.pose.between(Pose2D(*point, 0.0))[:2] for point in wall])
         gaps = np.hypot(found[:, None, 0] - inside[:, 0], found[:, None, 1] - inside[:, 1])
-        # Each point of the wall is known all the time, and nothing else is.
+        # Each point of the wall is in memory all the time, without false points.
         assert gaps.min(axis=0).max() < 0.03
         assert gaps.min(axis=1).max() < 0.03
 
@@ -103,7 +100,7 @@ def test_a_bump_leaves_an_obstacle_where_the_robot_drove():
 
 
 def test_a_robot_that_has_turned_in_contact_drives_on_once_it_is_free():
-    """The bumper is pressed in eight headings, for half a second each; the robot slips a little in between."""
+    """The bumper is pressed in eight headings for half a second each; the robot slips a little in between."""
     robot = robot_with(range_min=0.3)
     navigator, wheels = begin(robot, [])
     for k in range(80):
@@ -129,7 +126,7 @@ def test_contacts_are_forgotten_when_a_drive_has_failed():
     robot = robot_with(range_min=0.3)
     pose = Pose2D(0.0, 0.0, 0.0)
     navigator, wheels = begin(robot, [(0.35, 0.0)])
-    navigator.sense(wheels.drive(1.0, 0.0, [(0.35, 0.0)]))  # now 0.25 m ahead, too near to be seen
+    navigator.sense(wheels.drive(1.0, 0.0, [(0.35, 0.0)]))  # now 0.25 m ahead, below the minimum range
     navigator.drive_to(np.array([[0.0, 0.0], [2.0, 0.0]]))
     progress, most = DRIVING, 0
     while progress == DRIVING:
@@ -137,7 +134,7 @@ def test_contacts_are_forgotten_when_a_drive_has_failed():
         progress = navigator.update(wheels.drive(0.0, 0.0, [], bumper=True), pose)
         most = max(most, len(navigator.obstacles))
     assert progress == FAILED
-    assert most >= 6  # contacts ahead, or all around, beside the obstacle
+    assert most >= 6  # contacts ahead or all around, and the obstacle
     np.testing.assert_allclose(navigator.obstacles, [[0.25, 0.0]], atol=0.01)
 
 
@@ -151,7 +148,7 @@ def test_a_copy_stops_by_itself():
 
 
 def reference_free_distance(points, curvature, radius, distance, graze=0.0):
-    """The same in steps of half a millimetre, by rolling a pose along the arc; what is touched less deep is passed."""
+    """Free distance by rolling a pose along the arc in steps of 0.5 mm; overlaps less than `graze` are ignored."""
     start = np.hypot(*points.T)
     for along in np.arange(5e-4, abs(distance), 5e-4):
         s = math.copysign(along, distance)
@@ -165,13 +162,13 @@ def reference_free_distance(points, curvature, radius, distance, graze=0.0):
 
 
 @settings(max_examples=25, deadline=None)
-@example(0.0, -0.6, 227)  # a point that 7 mm of the arc bring 1 mm nearer
+@example(0.0, -0.6, 227)  # a point that comes 1 mm nearer over 7 mm of the arc
 @given(st.floats(-6.0, 6.0), st.sampled_from([-0.6, 0.3, 1.0]), st.integers(0, 2**32 - 1))
 def test_free_distance_equals_rolling_along(curvature, distance, seed):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-1.2, 1.2, (4, 2))
     points = points[np.hypot(*points.T) > 0.1]  # not below the middle of the robot
     found = free_distance(points, curvature, 0.2, distance)
-    # Never too far, but for a graze between two tests; at most one step of the test too short.
+    # Never too long, except for a graze between two steps; at most one step too short.
     assert found <= reference_free_distance(points, curvature, 0.2, distance, graze=5e-4) + 0.021
     assert found >= reference_free_distance(points, curvature, 0.2, distance) - 0.021

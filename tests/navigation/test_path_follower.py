@@ -1,5 +1,3 @@
-"""All local planners on every robot: they stay on the path, reach its end, and stop before obstacles."""
-
 import math
 
 import numpy as np
@@ -25,17 +23,17 @@ CASES = [
     ("tugbot", "mppi"),
     ("mpo_500", "mppi"),
 ]
-"""The light planner with every robot, the expensive one with three that differ most in speed and acceleration."""
+"""All robots with the fast planner; three robots of different speeds and accelerations with the slow planners."""
 STRAYS = {"rpp": 0.25, "dwb": 0.6, "mppi": 0.6}
-"""How far each may stray from a path with sharp corners [m]: DWB cuts them where there is room."""
+"""Maximum deviation of each planner from a path with sharp corners [m]; DWB cuts corners in free space."""
 STOPS = {"rpp": 0.15, "dwb": 0.2, "mppi": 0.4}
-"""Greatest distance at which each stops before a wall [m]: DWB rounds to cells."""
+"""Maximum stopping distance of each planner before a wall [m]; DWB rounds to cells."""
 NOTHING = np.empty((0, 2))
 PERIOD = 0.1
 
 
 def drive(follower, robot, pose, num_steps, *, walls=NOTHING, jitter=0.0, seed=0):
-    """Roll a unicycle with the robot's acceleration limits; returns the poses, the last one for the end."""
+    """Simulate a unicycle with the robot's acceleration limits; return the poses, including the final one."""
     rng = np.random.default_rng(seed)
     v = w = 0.0
     poses = [pose]
@@ -44,7 +42,6 @@ def drive(follower, robot, pose, num_steps, *, walls=NOTHING, jitter=0.0, seed=0
             pose.x + jitter * rng.normal(), pose.y + jitter * rng.normal(), pose.theta + jitter * rng.normal()
         )
         obstacles = pose.inverse().transform(walls) if len(walls) else walls
-        # The noise of the scan, along the beams.
         ranges = np.hypot(obstacles[:, 0], obstacles[:, 1])
         obstacles = obstacles * (1.0 + rng.normal(0.0, robot.lidar.noise_std, len(obstacles)) / ranges)[:, None]
         command = follower.command(estimated, Twist(v, w), obstacles)
@@ -66,7 +63,7 @@ def test_every_robot_stays_on_a_winding_path(name, planner):
     follower = PLANNERS[planner](robot, PERIOD)
     follower.set_path(path)
     length = np.hypot(*np.diff(corners, axis=0).T).sum()
-    # It starts with its back to the path; twice the time at full speed leaves room for five corners.
+    # The robot starts with its back to the path; twice the time at full speed is enough for five corners.
     num_steps = round((2.0 * length / robot.max_v + 12.0) / PERIOD)
     poses = drive(follower, robot, Pose2D(0.0, 0.0, math.pi), num_steps, jitter=0.01)
     assert math.hypot(poses[-1].x - 2.5, poses[-1].y - 4.0) < (0.1 if planner != "mppi" else 0.2)
@@ -84,7 +81,7 @@ def test_every_robot_stops_before_a_wall_and_says_that_it_is_blocked(name, plann
     gap = min(np.hypot(*(wall - pose[:2]).T).min() for pose in poses) - robot.radius
     assert 0.0 < gap < STOPS[planner]
     assert math.hypot(poses[-1].x - poses[-30].x, poses[-1].y - poses[-30].y) < (0.05 if planner != "mppi" else 0.2)
-    assert follower.blocked or planner == "mppi"  # which turns to and fro, and does not wait
+    assert follower.blocked or planner == "mppi"  # MPPI turns back and forth, and does not wait
 
 
 @pytest.mark.parametrize("planner", PLANNERS)

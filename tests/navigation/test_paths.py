@@ -1,5 +1,3 @@
-"""The search against SciPy's Dijkstra, the paths it gives, which of them are refused, and smoothing."""
-
 import math
 
 import numpy as np
@@ -28,7 +26,7 @@ PARAMS = CostmapParams(robot_radius=0.2, inflation_radius=0.6)
 
 
 def reference_travel(costs, weights, start):
-    """Dijkstra over an explicit graph; cells whose footprint touches something lead only to their like and out."""
+    """Dijkstra over an explicit graph; cells in collision lead only to other cells in collision and out."""
     height, width = costs.shape
 
     def is_open(row, col, escaping):
@@ -52,7 +50,6 @@ def reference_travel(costs, weights, start):
 
 
 def random_costs(rng, height, width):
-    """Cells at random, or free space with patches in it."""
     values = np.array([0, 0, 0, 40, 252, 253, 254, 255], dtype=np.uint8)
     if rng.integers(2):
         return values[rng.integers(0, len(values), (height, width))]
@@ -73,7 +70,7 @@ def test_travel_costs_equal_scipys_exactly(height, width, allow_unknown, seed):
     expected = reference_travel(costs, weights, start)
     travel = search(costs, weights, *start, -1, -1)[0][1:-1, 1:-1]
     np.testing.assert_array_equal(np.where(travel == UNREACHED, np.inf, travel), expected)
-    # A* must find the same for its goal, however the heuristic has led it.
+    # A* has to find the same cost for its goal, independent of the heuristic.
     to_goal = search(costs, weights, *start, *goal)[0][1:-1, 1:-1][goal]
     assert (np.inf if to_goal == UNREACHED else to_goal) == expected[goal]
 
@@ -81,7 +78,7 @@ def test_travel_costs_equal_scipys_exactly(height, width, allow_unknown, seed):
 def test_a_star_opens_fewer_cells_than_dijkstra():
     costs = np.zeros((200, 200), dtype=np.uint8)
     travel = search(costs, step_weights(3.0, False), 100, 20, 140, 180)[0]
-    # With ties going to what has come farthest, no more than the cells beside the path.
+    # Ties prefer the cell with the highest cost-to-come: only cells near the path are expanded.
     assert np.count_nonzero(travel < UNREACHED) < 1000
 
 
@@ -105,7 +102,7 @@ def test_a_path_leads_there_and_keeps_away():
     assert gaps.max() <= 0.05 + 1e-9
     walls = grid.centers(np.argwhere(grid.data == 100))
     assert min(np.hypot(*(walls - point).T).min() for point in path) > 0.2
-    # Straight lines in place of staircases: barely longer than the taut string around the door's posts.
+    # Straight lines instead of staircases: barely longer than the taut string around the door's posts.
     door = np.array([grid.centers(np.array([30, 60]))])
     taut = np.hypot(*(door[0] - start)) + np.hypot(*(door[0] - goal))
     assert gaps.sum() < 1.1 * taut
@@ -136,7 +133,7 @@ def test_a_robot_touching_a_wall_in_its_belief_still_gets_away():
     for start in (beside, inside):
         path = plan_path(costmap, start, (0.5, 0.0))
         costs = [cost_at(costmap, *point) for point in path]
-        # Once out of the wall's reach, the path never comes back into it.
+        # Once out of the inscribed radius of the wall, the path stays out.
         out = next(k for k, cost in enumerate(costs) if cost < 253)
         assert max(costs[out:]) < 253
 
@@ -153,7 +150,7 @@ def test_a_weight_beyond_the_queue_is_refused():
 
 
 def hall():
-    """6 m x 3 m, unknown beyond x = 5, with a wall to the height of 2 m at x = 2."""
+    """Hall of 6 m x 3 m, unknown beyond x = 5, with a wall to the height of 2 m at x = 2."""
     data = np.zeros((60, 120), dtype=np.int8)
     data[:, 100:] = -1
     data[[0, -1]] = data[:, [0, -1]] = 100
@@ -170,7 +167,7 @@ def test_a_path_is_valid_until_an_obstacle_blocks_it():
     grid = hall()
     grid.data[50, 40] = 100
     assert not is_path_valid(make_costmap(grid, PARAMS), path)
-    # What has been passed does not count.
+    # Obstacles on the passed part of the path are ignored.
     assert is_path_valid(make_costmap(grid, PARAMS), path[-20:])
 
 
@@ -190,7 +187,7 @@ def test_a_path_may_begin_where_the_robot_touches_something_but_not_return_there
 
 
 def turning(path):
-    """Sum of squared turns per step, of chords long enough not to see the raster."""
+    """Sum of squared turns per step, of chords long enough to average over cells."""
     chords = path[4:] - path[:-4]
     angles = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
     return float((np.diff(angles) ** 2).sum())
@@ -206,7 +203,6 @@ def test_smoothing_rounds_corners_and_touches_nothing():
     corner = resample(np.array([[1.7, 1.0], [1.7, 2.3], [2.4, 2.3], [2.4, 1.0]]), 0.05)
     assert is_path_valid(COSTMAP, smooth_path(COSTMAP, corner))
     assert len(smooth_path(COSTMAP, path[:1])) == 1
-    # A straight line stays one.
     line = resample(np.array([[0.5, 2.5], [4.5, 2.5]]), 0.05)
     np.testing.assert_allclose(smooth_path(COSTMAP, line), line, atol=1e-9)
 

@@ -1,4 +1,4 @@
-"""What is kept up to date in windows equals what is computed anew from the whole map; scans mark and clear."""
+"""Incremental updates in windows against a full computation; scans mark and clear."""
 
 import dataclasses
 import itertools
@@ -21,7 +21,6 @@ BURGER, MOUSE = load_robot("turtlebot3_burger"), load_robot("raspimouse")
 
 
 def joined_slowly(data, block):
-    """The greatest occupancy in each block of map cells."""
     height, width = (-(-size // block) for size in data.shape)
     padded = np.full((height * block, width * block), -1, dtype=np.int8)
     padded[: data.shape[0], : data.shape[1]] = data
@@ -29,7 +28,6 @@ def joined_slowly(data, block):
 
 
 def expected(grid, planning, level, pose, obstacles, ignored):
-    """Joined cells, frontier and costs of a whole map."""
     joined = OccupancyGrid(joined_slowly(grid.data, planning.block), planning.side, grid.origin)
     frontier = frontier_mask(joined)
     for row, col in joined.cells(ignored):
@@ -44,7 +42,6 @@ def expected(grid, planning, level, pose, obstacles, ignored):
 
 
 def scan_into(grid, rng, size=30):
-    """Set the cells of a random window of a map to random values; return the window."""
     height, width = grid.data.shape
     row, col = int(rng.integers(height - 2)), int(rng.integers(width - 2))
     last_row = min(row + int(rng.integers(1, size)), height - 1)
@@ -55,7 +52,6 @@ def scan_into(grid, rng, size=30):
 
 
 def grow(grid, rng):
-    """Let a map grow by as many cells on each side as come, as SLAMs do."""
     margins = rng.integers(0, 40, (2, 2))
     data = np.pad(grid.data, margins, constant_values=-1)
     x, y = grid.origin
@@ -110,7 +106,6 @@ def test_bodies_are_marked_though_the_map_accounts_for_them():
     cell = planning.cell(3.15, 2.55)
     assert planning.layer(0, pose, beside).costs[cell] < 254
     assert planning.layer(0, pose, bodies=beside).costs[cell] == 254
-    # It is forgotten with the next look.
     assert planning.layer(0, pose).costs[cell] < 254
 
 
@@ -154,7 +149,7 @@ MIDDLE = Pose2D(0.0, 0.0, 0.0)
 
 
 def marked_room(known=True, **params):
-    """The map of a room of 6 m x 6 m around the origin, which is the middle of a cell, planned on cell by cell."""
+    """Map of a room of 6 m x 6 m around the origin, the middle of a cell, with planning cells of map size."""
     data = np.full((125, 125), 0 if known else -1, dtype=np.int8)
     data[[0, 1, -2, -1]] = data[:, [0, 1, -2, -1]] = 100
     planning = PlanningMap(BURGER, 0.05, PlanningParams(cell=0.05, **params))
@@ -163,7 +158,7 @@ def marked_room(known=True, **params):
 
 
 def scan_of(degrees, distance, elsewhere=np.inf):
-    """A scan with one hit; the first beam looks backwards."""
+    """Scan with one hit; the first beam points backwards."""
     ranges = np.full(360, elsewhere, dtype=np.float32)
     ranges[(degrees + 180) % 360] = distance
     return ranges
@@ -181,9 +176,9 @@ def test_hits_mark_and_inflate_and_later_beams_clear():
     costmap = planning.costmap(0, MIDDLE)
     assert [cost_at(costmap, 0.01, y) for y in (1.02, 1.12)] == [254, 253]
     assert 0 < cost_at(costmap, 0.01, 1.4) < 253
-    planning.integrate(MIDDLE, np.full(360, np.nan, dtype=np.float32), LIDAR)  # says nothing
+    planning.integrate(MIDDLE, np.full(360, np.nan, dtype=np.float32), LIDAR)  # not informative
     assert cost_at(planning.costmap(0, MIDDLE), 0.01, 1.02) == 254
-    # The same obstacle has gone: the beam passes through.
+    # The obstacle has gone: the beam passes through.
     planning.integrate(MIDDLE, scan_of(90, 2.0), LIDAR)
     costmap = planning.costmap(0, MIDDLE)
     assert cost_at(costmap, 0.01, 1.02) < 253
@@ -196,7 +191,7 @@ def test_hits_mark_and_inflate_and_later_beams_clear():
 def test_hits_near_a_wall_of_the_map_are_that_wall_and_beams_never_clear_it():
     planning = marked_room(marking_range=4.0, clearing_range=4.0)
     before = costs_of(planning)
-    # The wall is 3 m away; a pose that is wrong by 0.1 m sees it in front of where it is.
+    # The wall is 3 m away; a pose error of 0.1 m puts the hit in front of the wall.
     for distance in (2.9, np.inf):
         planning.integrate(MIDDLE, scan_of(0, distance), LIDAR)
         np.testing.assert_array_equal(costs_of(planning), before)

@@ -1,4 +1,4 @@
-"""Parts of observations and controllers know what robots sense and estimate; what needs ground truth says so."""
+"""Observation parts and controllers use sensors and estimates only, unless they declare ground truth."""
 
 import math
 from collections.abc import Mapping
@@ -37,21 +37,18 @@ CASES = {
     "bearing": ("ReachGoal", {**REACH, "goal_given": "bearing"}),
     "track": ("Track", {"physics": "kinematic", "map_resolution": 0.1}),
 }
-"""Ids and arguments, with people, peers, and other limits than the nominal ones where a task can have them."""
 TURNING = np.array([0.6, 0.3], dtype=np.float32)
 
 
 def make_with_all_parts(name, arguments, **choices):
-    """Make an environment that shows every part that it has, by its defaults or as `choices` say."""
     env = gymnasium.make(f"lidarnaut/{name}-v0", **arguments).unwrapped
     parts = dict.fromkeys((*PARTS, *env.task.observation_parts())) | choices
     return gymnasium.make(f"lidarnaut/{name}-v0", **arguments, observations=parts).unwrapped
 
 
 def falsified(env):
-    """Return the observation of an environment, all of whose ground truth is wrong meanwhile."""
     numbers, people, hidden = env.rows.numbers, env.simulator.crowd.rows, np.isnan(at.SENSED)
-    tasks = [env.rows.memory[GOAL_MEMORY][:, 2:]] if GOAL_MEMORY in env.rows.memory else []  # all but the goal itself
+    tasks = [env.rows.memory[GOAL_MEMORY][:, 2:]] if GOAL_MEMORY in env.rows.memory else []  # all except goals
     kept, rng = [array.copy() for array in (numbers, people, *tasks)], np.random.default_rng(0)
     numbers[:, hidden] = rng.uniform(-9.0, 9.0, (len(numbers), hidden.sum()))
     people[:, [person_at.X, person_at.Y, person_at.VX, person_at.VY]] += 3.0
@@ -64,7 +61,7 @@ def falsified(env):
 
 
 def pairs_of_observations(case, **choices):
-    """Yield what two equal environments show, the ground truth of the second one falsified."""
+    """Yield observations of two equal environments; the second one has falsified ground truth."""
     name, arguments = CASES[case]
     true, false = (make_with_all_parts(name, arguments, **choices) for _ in range(2))
     for each in (true, false):
@@ -94,7 +91,7 @@ def test_what_shows_ground_truth_says_so():
 
 @pytest.mark.parametrize("case", ["explore", "reach", "bearing"])
 def test_kernels_for_many_robots_show_what_single_ones_see(case):
-    """A single robot is shown without ground truth; see `Robot.row`."""
+    """A single robot has no ground truth; see `Robot.row`."""
     name, arguments = CASES[case]
     parts = dict.fromkeys(make_with_all_parts(name, arguments).parts)
     arguments = {**arguments, "observations": parts, "time_limit": 2.0}
@@ -107,8 +104,6 @@ def test_kernels_for_many_robots_show_what_single_ones_see(case):
 
 
 class Peek:
-    """Shows an attribute of the robot that it is given."""
-
     def __init__(self, look, size=3):
         self.look, self.size = look, size
 
@@ -120,7 +115,7 @@ class Peek:
 
 
 class PeekAtRows(Peek):
-    """Also writes the rows of many robots, of which it would read ground truth."""
+    """Part that also writes rows of many robots, and would read ground truth."""
 
     def write_rows(self, batch, out):
         out[:] = batch.numbers[:, at.X : at.THETA + 1]
@@ -136,12 +131,12 @@ def test_rows_of_parts_of_ones_own_hold_no_ground_truth():
     env = LidarEnv(Explore, **SMALL, observations={"pose": Peek(lambda robot: robot.row[at.POSE : at.POSE + 3])})
     env.reset(seed=1)
     np.testing.assert_array_equal(env.step(TURNING)[0]["pose"], env.belief.pose)
-    env.rows.numbers[0, at.TOUCHED] = at.TOUCHED_PERSON + 4  # by whom, no bumper tells
+    env.rows.numbers[0, at.TOUCHED] = at.TOUCHED_PERSON + 4  # bumpers do not report the other party
     assert env.robots[0].row[at.TOUCHED] == 1.0
 
 
 def reachable(thing, seen, path="", depth=0):
-    """Yield all arrays and numbers to which public attributes and items of something lead, with the way there."""
+    """Yield all arrays and numbers that are reachable by public attributes and items, with their access paths."""
     if id(thing) in seen or depth > 7 or isinstance(thing, (str, bytes, type, np.dtype, np.random.Generator)):
         return
     seen[id(thing)] = thing
@@ -169,9 +164,9 @@ def reachable(thing, seen, path="", depth=0):
 
 
 def leaks(env, look, advance):
-    """Return by which attributes of what `look` returns the true poses are found, each time after `advance`."""
+    """Return the attribute paths from the result of `look` to true poses, found in each round after `advance`."""
     paths = []
-    for _ in range(3):  # buffers that nothing was written to may hold any freed memory, but not the same pose anew
+    for _ in range(3):  # uninitialized buffers may hold any freed memory, but not repeatedly the same pose
         advance()
         true = [value for state in env.simulator.states for value in state.pose]
         assert len(set(true)) == 3 * len(env.robots)
@@ -206,8 +201,6 @@ def test_rules_get_no_true_state_either(name):
 
 
 class Admitting(gymnasium.ObservationWrapper):
-    """Shows the true pose, and says so."""
-
     uses_ground_truth = True
 
     def observation(self, observation):
@@ -228,7 +221,7 @@ def test_wrappers_and_environments_of_ones_own_say_that_they_show_ground_truth()
 
 
 def drive_to(env, name, goal, steps):
-    """Let a controller drive to a goal; return what it is given as the goal, and its actions."""
+    """Let a controller drive to a goal; return the goals that it receives, and its actions."""
     policy = policies_for(env)[name]()
     begin_episode(env, policy, 0, np.random.default_rng(0))
     env.unwrapped.set_goal(goal)
@@ -242,7 +235,6 @@ def drive_to(env, name, goal, steps):
 
 @pytest.fixture(scope="module")
 def open_floor():
-    """An environment in an empty hall, in which the bearing of the goal alone is given."""
     corners = np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0)])
     walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
     world = World("floor", walls, np.empty((0, 3)), (Pose2D(2.0, 2.0, 0.0),), (0.0, 0.0, 20.0, 20.0))

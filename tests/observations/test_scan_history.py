@@ -45,7 +45,7 @@ def test_past_scans_are_those_of_before():
 
 
 def slow_shift(ranges, motion, sectors):
-    """Transform the points of sectors one by one, with the straight lines between neighbours on one surface."""
+    """Transform the points of sectors one by one, including straight lines between neighbours on one surface."""
     count, turn = len(ranges), 2.0 * math.pi
     (x, y, theta), seen, whole = motion, np.full(len(ranges), np.inf), turn * sectors.per_radian
     c, s = math.cos(sectors.yaw), math.sin(sectors.yaw)
@@ -98,7 +98,7 @@ def test_what_past_scans_did_not_see_is_shown_as_it_is_now():
         observation, *_ = env.step(np.float32([0.0, 1.0]))
     now, before = observation["scan_history"].reshape(2, 90)
     assert (now[65:] > 0.0).all()
-    np.testing.assert_array_equal(before[65:], now[65:])  # what has come into view by turning left
+    np.testing.assert_array_equal(before[65:], now[65:])  # sectors revealed by turning left
     assert (before[:55] != now[:55]).mean() > 0.5
     assert (before > 0.0).all()
 

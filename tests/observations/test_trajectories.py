@@ -37,7 +37,7 @@ def shown(now=(0.0, 0.0), points=NOTHING, people=NOBODY, limits=LIMITS, sees_beh
 
 
 def slow_times(now, points, people, twist):
-    """Return when a twist leads into points and people, in steps of 5 ms after the held twist, inf for never."""
+    """Return collision times of a twist with points and people, in steps of 5 ms, inf for never."""
     (v, w), x, y, theta, time, dt = now, 0.0, 0.0, 0.0, 0.0, STEP
     max_v, max_w, acc_v, acc_w, radius = LIMITS
     wall = person = math.inf
@@ -127,7 +127,7 @@ def test_points_on_who_walks_are_no_walls():
     assert find_walls(ranges, frame, NOBODY, points) > 1
     assert find_walls(ranges, frame, np.array([(2.0, 0.0, 1.0, 0.0, 0.3)]), points) == 1
     np.testing.assert_allclose(points[:, 0], (0.0, -1.0), atol=1e-6)
-    pillar = np.array([(2.0, 0.0, 0.2, 0.0, 0.3)])  # tracked badly
+    pillar = np.array([(2.0, 0.0, 0.2, 0.0, 0.3)])
     assert find_walls(ranges, frame, pillar, points) > 1
 
 

@@ -1,5 +1,3 @@
-"""Made-up recordings."""
-
 import numpy as np
 
 from lidarnaut.envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, Recording
@@ -8,10 +6,10 @@ from lidarnaut.envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, R
 def synthetic(
     duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", flicker=20, seed=0, has_goal=False, is_bare=False
 ):
-    """Return an episode in a hall with sides of `size` [m] whose map grows column by column; a sample each half second.
+    """Return an episode in a hall of `size` [m] with a map that grows by columns; one sample per 0.5 s.
 
-    `flicker` cells in the last three metres change their kind with every sample, and every fourth second is a decision.
-    `is_bare`: without map, candidates, plan and pose error, beside a person who ignores the robot and another robot.
+    `flicker` cells in the last three metres change with every sample, and every fourth second is a decision.
+    `is_bare`: with a person and another robot, without map, candidates, plan and pose error.
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, duration + 0.25, 0.5)
@@ -28,7 +26,7 @@ def synthetic(
     for now in np.rint((0.15 + 0.85 * share) * columns).astype(int):
         near = rng.integers(max(1, known - 60), max(2, known - 1), size=flicker)
         taken = np.unique(rng.integers(1, rows - 1, size=flicker) * columns + near) if known else before
-        flipped = np.setxor1d(taken, before)  # to occupied, and those of the last sample back to free
+        flipped = np.setxor1d(taken, before)  # to occupied; those of the last sample go back to free
         cells.append(np.concatenate([flipped, index[:, known:now].ravel()]))
         changes.append(np.concatenate([np.full(len(flipped), FREE ^ OCCUPIED), truth[:, known:now].ravel()]))
         order = np.argsort(cells[-1])

@@ -1,5 +1,3 @@
-"""The page in a real browser: Debian's chromium, without a window."""
-
 from pathlib import Path
 
 import pytest
@@ -14,7 +12,7 @@ pytestmark = needs_browser
 
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory):
-    """Return what the harness reports of two episodes, of a minute and of half a minute, by the width of the page."""
+    """Return the harness's reports on episodes of 60 s and 30 s, by page width."""
     folder = tmp_path_factory.mktemp("pair")
     page = build_page([synthetic(60.0), synthetic(30.0, explorer="other", seed=1)])
     (folder / "page.html").write_text(page)
@@ -26,8 +24,8 @@ def test_the_page_draws_and_fits(pair, width):
     report = pair[width]
     assert report["errors"] == []
     assert report["samples"] == "121 61"
-    assert report["overflow"] <= 0  # nothing to scroll sideways
-    # The panels lie side by side, or one below the other where the page is narrow.
+    assert report["overflow"] <= 0
+    # The panels are side by side, or one below the other on a narrow page.
     truth, estimate = report["boxes"][:2]
     assert (estimate["left"] > truth["right"]) == (width > 600)
     assert (estimate["top"] > truth["bottom"]) == (width <= 600)
@@ -109,5 +107,5 @@ def test_an_hour_opens_within_two_seconds_of_processor_time(tmp_path):
     brief, hour = (visit(tmp_path, HARNESS, f"page={name}.html&width=1280&brief=1") for name in ("brief", "page"))
     assert hour["errors"] == []
     assert hour["samples"] == "7201"
-    # Processor time of all threads, beyond the browser's own start: the clock says little where cores are shared.
+    # Processor time of all threads minus the browser's start-up: wall time is unreliable on shared cores.
     assert hour["processor_time"] - brief["processor_time"] <= 2.0

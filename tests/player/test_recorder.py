@@ -75,14 +75,14 @@ def test_decisions_are_recorded_with_the_scores_by_which_they_were_made(make):
     first = recording.candidates[: recording.candidate_ends[0]]
     assert len(first) > 1
     assert first[recording.decision_chosen[0], 5] == first[:, 5].max()
-    # Later on, a goal that the robot has turned away from during a drive is not turned to again, whatever its score.
+    # A drive does not end with a return to an abandoned goal, even with the best score.
     assert (recording.decision_chosen >= 0).all()
 
 
 def test_candidates_have_their_costs_and_the_rules_values():
     env, explorer = make_env(time_limit=3.0), GainOverCostExplorer()
     recording, *_ = record(env, explorer)
-    candidates = explorer.navigator.candidates  # the last ones that were chosen from
+    candidates = explorer.navigator.candidates
     last = recording.candidates[-len(candidates) :]
     np.testing.assert_allclose(last[:, :2], candidates["frontier"], atol=1e-5)
     np.testing.assert_allclose(last[:, 2], candidates["cost"], rtol=1e-6)
@@ -202,7 +202,7 @@ def test_a_recording_is_read_as_it_was_written_and_has_the_same_bytes_each_time(
 
 
 def changed(name, change):
-    """The bytes of a recording with one array changed, or left out where the change returns None."""
+    """Bytes of a recording with one array changed, or omitted if `change` returns None."""
     with np.load(io.BytesIO(synthetic(5.0).to_bytes())) as archive:
         arrays = {**archive, name: change(archive[name])}
     content = io.BytesIO()

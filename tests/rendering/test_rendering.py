@@ -22,14 +22,14 @@ PERSON = FixedRoute(0.3, np.array([(4.0, 5.0), (7.0, 5.0)]), 1.0)
 WORLD = make_room(0.0, 0.0, 8.0, 6.0, circles=[(6.0, 4.5, 0.5)], people=[PERSON], spawn=Pose2D(1.0, 1.0, 0.0))
 ROOT = Path(__file__).parents[2]
 START = Pose2D(2.0, 1.0, 0.5)
-"""The map frame is turned against the world, so that a picture which forgets to turn it is wrong."""
+"""Start pose; the map frame is rotated against the world, to detect a missing transform."""
 
 
 TRUE, ESTIMATED = Pose2D(5.0, 2.0, 1.0), Pose2D(4.2, 2.6, 1.3)
 
 
 def make_scene(pose=TRUE, estimated=ESTIMATED):
-    """Free and known for x < 6 in the world, occupied beyond x = 6 up to 6.5, unknown elsewhere."""
+    """Free and known for x < 6 in the world, occupied for x = 6 to 6.5, unknown elsewhere."""
     grid = OccupancyGrid(np.full((300, 300), -1, dtype=np.int8), 0.05, (-7.5, -7.5))
     cells = np.argwhere(grid.data < 0)
     x = START.transform(grid.centers(cells))[:, 0]
@@ -62,12 +62,11 @@ def renderer():
 
 
 def panels(frame):
-    """Cut the ground truth and the estimate out of a frame of 1280 x 720."""
     return frame[108:680, 16:632], frame[108:680, 648:1264]
 
 
 def found(panel, colour, tolerance=12):
-    """Return where a colour is in a panel, in the world frame: shape (n, 2) [m]."""
+    """Return positions of a colour in a panel, world frame, shape (n, 2) [m]."""
     close = np.abs(panel.astype(int) - colour).max(axis=2) <= tolerance
     rows, columns = np.nonzero(close)
     height, width = panel.shape[:2]
@@ -86,7 +85,6 @@ def test_rgb_arrays_are_fresh_and_equal_for_equal_scenes(renderer):
 
 @pytest.fixture(scope="module")
 def truth_and_belief(renderer):
-    """Return the two panels of a scene."""
     return panels(renderer.draw(make_scene()))
 
 

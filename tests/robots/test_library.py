@@ -65,7 +65,7 @@ def test_noise_in_the_library_follows_from_what_is_simulated(name):
     position = noise.position_std + noise.position_per_metre * DISTANCE
     straight = noise.heading_std + noise.heading_per_metre * DISTANCE
     turning = noise.heading_std + noise.heading_per_radian * TURN
-    # Each wheel slips by slip_std times the root of the distance that it rolls; the base moves by their mean.
+    # Each wheel slips by slip_std times the root of its rolled distance; the base moves by the mean of both.
     slip = drive.slip_std * math.sqrt(DISTANCE / 2)
     scale = drive.wheel_radius / odometry.wheel_radius
     assert slip <= position <= 3 * slip + 1.1 * DISTANCE * abs(scale - 1.0) + 0.001

@@ -1,4 +1,4 @@
-"""Random damage to valid files, as strategies of Hypothesis."""
+"""Random damage to valid files, as Hypothesis strategies."""
 
 import copy
 import dataclasses
@@ -15,7 +15,6 @@ IN_MESSAGES = {
     int: st.sampled_from([0, 1, 10**6, 2**31 - 1]),
     str: st.sampled_from(["", "/", "x" * 5000, "\x00", "odom", "base_link", "laser", "map"]),
 }
-"""What a message can hold, by type."""
 
 
 @st.composite
@@ -76,7 +75,7 @@ def damaged_tree(draw, tree):
 
 @st.composite
 def damaged_arrays(draw, content):
-    """Replace one of some named arrays by one of any type and shape, or one of its elements."""
+    """Replace one of several named arrays by an array of any type and shape, or replace one element."""
     key = draw(st.sampled_from(sorted(content)))
     array = np.array(content[key], dtype=float)
     if array.size and draw(st.booleans()):
@@ -89,7 +88,7 @@ def damaged_arrays(draw, content):
 
 @st.composite
 def damaged_messages(draw, pairs):
-    """Replace one to three values of some (topic, message) pairs, and drop some of them."""
+    """Replace one to three values of (topic, message) pairs, and drop some pairs."""
     found = [slot for _, message in pairs for slot in _message_slots(message)]
     for _ in range(draw(st.integers(1, 3))):
         holder, name = found[draw(st.integers(0, len(found) - 1))]
@@ -107,7 +106,7 @@ def damaged_messages(draw, pairs):
 
 
 def _message_slots(message):
-    """Yield every part of a message that holds values, with the name of each."""
+    """Yield every part of a message that holds values, with their names."""
     for field in dataclasses.fields(message):
         value = getattr(message, field.name)
         if isinstance(value, float | int | str | np.ndarray) and field.name != "__msgtype__":

@@ -1,4 +1,4 @@
-"""Long runs, whose memory must stay as it is, and robots that drive into walls at full speed."""
+"""Constant memory in long runs, and robots that drive into walls at full speed."""
 
 import math
 import os
@@ -15,17 +15,17 @@ from lidarnaut.envs.simulation import PHYSICS, Twist, make_simulator
 from lidarnaut.envs.worlds import WORLD_NAMES, World, explorable_area, load_world
 
 NUM_ENVS, SAMPLES, GROWTH = 16, 40, 1.05
-"""Sub-environments; how often memory is measured; its growth in the second half of a run that counts as none."""
+"""Number of sub-environments, number of memory samples, and maximum growth factor in the second half of a run."""
 PERIOD, BURST, STARTS = 0.2, 8, 10
 """Control period [s], control periods with the same command, and random starts in a world."""
 TOLERANCE, SLACK = 1.1, 0.02
-"""Speed over the robot's limit that wheel slip explains, and distance by which a wall may push it out at once [m]."""
+"""Maximum speed ratio explained by wheel slip, and maximum push-out distance of a wall per period [m]."""
 ANGLES = (15, 30, 45, 60, 75)
-"""Between a robot's heading and the wall that it drives into [deg]."""
+"""Angles between a robot's heading and the wall ahead [deg]."""
 
 
 def resident():
-    """Return the resident memory of this process [MiB]."""
+    """Resident memory of this process [MiB]."""
     with open("/proc/self/statm", encoding="ascii") as file:
         return round(int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20)
 
@@ -61,9 +61,9 @@ def test_no_robot_crosses_a_wall_or_is_faster_than_its_limits(physics, size, row
 
 
 def drive(world_name, physics, steps):
-    """Drive at full speed in random directions; count control periods, contacts, walls crossed, and what is too fast.
+    """Drive at full speed in random directions; count control periods, contacts, crossed walls and speeding.
 
-    What pushes robots aside makes them faster than their limits, so that worlds are driven without what moves.
+    Worlds are driven without moving obstacles, which push robots beyond their speed limits.
     """
     world, robot = replace(load_world(world_name), people=()), choose_robot(None, world_name)
     rng = np.random.default_rng([0, len(world.segments)])
@@ -86,10 +86,10 @@ def drive(world_name, physics, steps):
 
 
 def crosses(before, after, segments):
-    """Tell whether the line between two positions crosses one of some segments, shape (n, 4) [m]."""
+    """Return True if the line between two positions crosses a segment, shape (n, 4) [m]."""
 
     def side(a, b, p):
-        """Return on which side of the line from a to b a point lies: the sign of the cross product."""
+        """Return the side of the line from a to b with the point p, as a sign."""
         ab, ap = b - a, p - a
         return np.sign(ab[..., 0] * ap[..., 1] - ab[..., 1] * ap[..., 0])
 
@@ -107,7 +107,7 @@ def test_a_step_through_a_wall_is_seen():
 
 
 def slide(robot_name, physics, angle):
-    """Return how far a robot gets along a wall in ten seconds at full speed, heading into it at an angle [deg] [m]."""
+    """Return the distance along a wall in ten seconds at full speed, heading into it at `angle` [deg] [m]."""
     robot = load_robot(robot_name)
     start = Pose2D(0.0, -robot.radius - 0.01, math.radians(angle))
     wall = np.array([[-20.0, 0.0, 20.0, 0.0]])

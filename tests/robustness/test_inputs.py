@@ -1,4 +1,4 @@
-"""Damaged inputs of all kinds: each is refused by an error that names it, or does no harm when it is used."""
+"""Damaged inputs: each is refused by an error that names it, or is used without harm."""
 
 import contextlib
 import gzip
@@ -40,7 +40,7 @@ from tests.robustness.test_kills import CONFIG
 
 ROOT = Path(__file__).parents[2]
 TIME_LIMIT, MEMORY_LIMIT, LONGEST = 10.0, 16 * 2**30, 5000
-"""Processor time of an input [s], address space of the process [bytes], longest message that is clear [characters]."""
+"""Processor time of an input [s], address space of the process [bytes], maximum message length [characters]."""
 WORLD = yaml.safe_load("""
 source: here
 licence: CC0-1.0
@@ -56,11 +56,9 @@ closures: [[0.0, 3.0, 0.0, 0.0]]
 """)
 MAP = {"image": "", "resolution": 0.1, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65}
 DEPTH = 2000
-"""Levels of nesting that no parser of ours follows."""
 
 
 def drive_in(**arguments):
-    """Reset an environment with a world or a robot and drive for a moment."""
     env = LidarEnv(Explore, physics="kinematic", slam="truth", control_hz=5.0, **arguments)
     env.reset(seed=0)
     for _ in range(3):
@@ -92,7 +90,6 @@ def any_yaml(folder, draw):
 
 
 def try_map(folder, draw):
-    """Damage the YAML or the image of a map of `map_server`."""
     pixels = np.full((20, 30), 254, dtype=np.uint8)
     pixels[5, 5:12] = 0
     suffix, image = draw(st.sampled_from(["pgm", "png"])), io.BytesIO()
@@ -121,7 +118,6 @@ def try_config(folder, draw):
 
 
 def try_log(folder, draw):
-    """Damage a log: text, also gzipped, or arrays."""
     text = draw(st.sampled_from([CARMEN, ROBOTLASER])).encode()
     kind = draw(st.sampled_from(["input.log", "input.log.gz", "input.npz"]))
     path = folder / kind
@@ -140,7 +136,6 @@ def try_log(folder, draw):
 
 
 def try_bag(folder, draw):
-    """Damage the messages of a bag, or a file of it."""
     storage, in_messages = draw(st.sampled_from(["ros1", "sqlite3", "mcap", "file"])), draw(st.booleans())
     path = write_bag(
         folder / "input", lambda m: draw(damaged_messages(list(drive(m)))) if in_messages else drive(m), storage
@@ -152,7 +147,7 @@ def try_bag(folder, draw):
 
 
 def try_checkpoint(folder, draw):
-    """Damage a checkpoint; in half of the cases its checksums are right all the same."""
+    """Damage a checkpoint; half of them have correct checksums."""
     valid = folder.parents[1] / "valid"
     if not valid.is_dir():
         config = parse_record(CONFIG, "small", TrainingConfig)
@@ -183,7 +178,7 @@ KINDS = {
     "bags": (try_bag, 30),
     "checkpoints": (try_checkpoint, 6),
 }
-"""Functions that write a damaged input named `input` and use it, and how many are tried in every run of the tests."""
+"""Functions that write and use a file named `input`, and the default number of trials."""
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -1,5 +1,3 @@
-"""Trainings and evaluations that are killed at random moments and started again: what they lose, and come to."""
-
 import csv
 import os
 import shutil
@@ -27,7 +25,6 @@ CONFIG = {
     "evaluation": {"every": 2048, "episodes": 1, "references": []},
     "checkpoints": {"every": 128, "keep": 2},
 }
-"""A training of 32 updates, with a checkpoint after each."""
 EVALUATION = (
     "--policies", "random", "nearest", "--worlds", "turtlebot3_world", "--episodes", "10", "--physics", "kinematic",
     "--slam", "truth", "--time-limit", "6", "--shard", "1/1", "--out",
@@ -37,18 +34,18 @@ pytestmark = pytest.mark.slow
 
 
 class Killer:
-    """Runs programs in a folder and kills them at random moments until there were `KILLS`."""
+    """Runs programs in a folder and kills them at random moments, `KILLS` times."""
 
     def __init__(self, folder):
         self.folder, self.rng, self.kills, self.ends, self.duration = folder, np.random.default_rng(0), 0, 0, None
 
     def run(self, *command, limit=None):
-        """Run a program and tell whether it ended; it did not if it was killed after `limit` [s]."""
+        """Run a program; return True if it ended, False if it was killed after `limit` [s]."""
         began, program = time.perf_counter(), [sys.executable, *map(str, command)]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         try:
             subprocess.run(program, cwd=self.folder, env=environment, timeout=limit, check=True, capture_output=True)
-        except subprocess.TimeoutExpired:  # `run` has killed it
+        except subprocess.TimeoutExpired:
             return False
         self.duration = self.duration or time.perf_counter() - began
         return True
@@ -65,7 +62,7 @@ class Killer:
 
 
 def rows_of(folder):
-    """Return the whole rows of an evaluation without the column that depends on the clock."""
+    """Return the complete rows of an evaluation without the column that depends on the clock."""
     content = next((path.read_text() for path in folder.glob("episodes*.csv")), "")
     lines = list(csv.reader(content[: content.rfind("\n") + 1].splitlines()))
     skipped = lines[0].index("decision_ms") if lines else 0
@@ -100,7 +97,7 @@ def test_no_row_of_a_killed_evaluation_is_lost_or_there_twice(tmp_path, row):
 
 
 def test_no_checkpoint_of_a_killed_training_is_lost(tmp_path, row):
-    """A training that is resumed ends as one that goes on, undisturbed, from a copy of the same checkpoint."""
+    """A resumed training ends like an undisturbed training from a copy of the same checkpoint."""
 
     def tensors(run):
         return {path.name: path.read_bytes() for path in list_checkpoints(run)[-1].glob("*.safetensors")}
@@ -117,7 +114,6 @@ def test_no_checkpoint_of_a_killed_training_is_lost(tmp_path, row):
             shutil.copytree(run, copied)
         ended = killer.run_or_kill(*([program, "--resume", run] if resumes else begin))
         for begun in (tmp_path / "runs").glob("*"):
-            # A run that was killed before its first checkpoint holds nothing to go on from.
             begun.rename(run) if list_checkpoints(begun) else shutil.rmtree(begun)
         steps = max((load_checkpoint(path, trust="tests").record.steps for path in list_checkpoints(run)), default=0)
         assert steps >= reached

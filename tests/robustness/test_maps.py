@@ -1,4 +1,4 @@
-"""Maps of shapes that are hard to work on: they are driven on or refused by name, and large ones take little time."""
+"""Difficult map shapes: they are usable or refused by name, and large maps take little time."""
 
 import math
 import resource
@@ -20,11 +20,10 @@ CASES = {
     "ExploreFrontiers-v0": ("ExploreFrontiers", {}),
     "Navigate-v0": ("Navigate", {}),
 }
-"""Ids and arguments; bullet and the usual SLAM where none are given."""
+"""Ids and arguments; bullet and the default SLAM unless given."""
 RESOLUTION = 0.05
-"""Side of a map cell [m]."""
 MOST_TIME, MOST_MEMORY = 10.0, 4.0
-"""What a reset may take: processor time [s], and memory of the process [GiB]."""
+"""Limits of a reset: processor time [s], and memory of the process [GiB]."""
 
 
 # Free cells by row and column, of a square map of `size` cells. `fit` is the width of the narrowest passage that the
@@ -32,7 +31,7 @@ MOST_TIME, MOST_MEMORY = 10.0, 4.0
 
 
 def maze(y, x, size, fit, rng):
-    """Every cell of a lattice is joined to the one above it or to the one beside it, at random."""
+    """Each cell of a lattice is joined to the cell above or next to it, at random."""
     period = fit + 2
     upwards = rng.random((size, size)) < 0.5
     upwards[:, 0], upwards[0] = True, False
@@ -59,7 +58,7 @@ def closets(y, x, size, fit, rng, pillars=0.0):
 
 
 def rings(y, x, size, fit, rng):
-    """Square corridors around each other, joined to the left and to the right by turns."""
+    """Concentric square corridors, joined alternately on the left and on the right."""
     depth = np.minimum(np.minimum(x, y), np.minimum(size - 1 - x, size - 1 - y))
     ring = depth // (fit + 2)
     gap = (abs(y - size // 2) < fit) & ((x < size // 2) == (ring % 2 == 0))
@@ -72,7 +71,7 @@ def noise(y, x, size, fit, rng, share):
 
 
 def wider(shape, more):
-    """Return a shape whose passages are `more` cells wider than what the robot fits through."""
+    """Return a shape with passages that are `more` cells wider than the narrowest passable width."""
     return lambda y, x, size, fit, rng: shape(y, x, size, fit + more, rng)
 
 
@@ -81,7 +80,7 @@ MAPS = {
     **{f"rooms, doors {more:+d}": wider(rooms, more) for more in (-1, 0, 1)},
     "closed rooms": closets,
     "closed rooms with pillars": partial(closets, pillars=0.01),
-    # A corridor with a dead end beside every wall.
+    # A corridor with dead ends next to every wall.
     "comb": lambda y, x, size, fit, rng: (y < fit + 3) | (x % (fit + 1) > 0),
     "rings": rings,
     # Corridors at 45 degrees from a hall.
@@ -101,11 +100,9 @@ MAPS = {
     "one disc": lambda y, x, size, fit, rng: np.hypot(y - size // 2, x - size // 2) < 20,
     "one wall": lambda y, x, size, fit, rng: (x != size // 2) | (y < size // 4),
 }
-"""Shapes by name."""
 
 
 def write_map(name, size, folder):
-    """Write a map of `MAPS` with `size` x `size` cells; return the path of its YAML."""
     fit = math.ceil(2.0 * load_robot("turtlebot3_burger").radius / RESOLUTION) + 1
     y, x = np.ogrid[:size, :size]
     free = MAPS[name](y, x, size, fit, np.random.default_rng(0))
@@ -115,7 +112,7 @@ def write_map(name, size, folder):
 
 
 def reset_once(path, case):
-    """Reset an environment on a map; return processor time [s], walls, why it was refused, memory [GiB]."""
+    """Reset an environment on a map; return processor time [s], walls, reason of a refusal, memory [GiB]."""
     (id, arguments), began, walls, refused = CASES[case], time.process_time(), 0, ""
     try:
         env = gymnasium.make(f"lidarnaut:lidarnaut/{id}-v0", world=str(path), map_resolution=RESOLUTION, **arguments)
@@ -141,7 +138,7 @@ def test_hard_maps_are_driven_on_or_refused_by_name(name, tmp_path):
 def test_large_maps_are_reset_in_little_time_and_memory(name, tmp_path, row):
     small = write_map("one wall", 100, tmp_path)
     for case in CASES:
-        reset_once(small, case)  # compiles
+        reset_once(small, case)
     path = write_map(name, 5000, tmp_path)
     found = {case: in_new_process(reset_once, path, case) for case in CASES}
     times = {f"{case} [s]": f"{r[0]:.1f}" + " (refused)" * bool(r[2]) for case, r in found.items()}

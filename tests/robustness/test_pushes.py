@@ -1,4 +1,4 @@
-"""Robots that something presses against thin walls: a circle that walks over them, or their own motors."""
+"""Robots pressed against thin walls by a moving circle or by their own motors."""
 
 import importlib.util
 import itertools
@@ -17,16 +17,13 @@ from lidarnaut.envs.worlds import FixedRoute, World
 from tests.rooms import ORIGIN
 
 SPEED, RADIUS, SECONDS = 1.5, 0.25, 5.0
-"""Of the circle that walks [m/s, m], and for how long it does [s]."""
+"""Speed and radius of the moving circle [m/s, m], and duration of its motion [s]."""
 DRIVE = 12.0
-"""How long a robot drives against walls [s]."""
 RATES = (5, 10, 20, 50)
-"""Control rates [Hz]."""
 WITHOUT_PYBULLET = importlib.util.find_spec("pybullet") is None
 
 
 def faster(name, speed, torque=10.0):
-    """A robot of the library that is faster and accelerates far more."""
     robot = load_robot(name)
     drive = replace(robot.drive, max_torque=torque * robot.drive.max_torque)
     return replace(robot, name=f"{name} at {speed} m/s", max_v=speed, max_acc_v=20.0, max_w=4.0, drive=drive)
@@ -39,7 +36,7 @@ FEW = [load_robot("turtlebot3_burger"), load_robot("mpo_500"), OWN[0]]
 
 
 def make_pen(kind, radius):
-    """A convex room of four or three thin walls around the origin, where a robot of a radius [m] starts."""
+    """Convex room of three or four thin walls around the origin, the start of a robot of a radius [m]."""
     ahead = radius + 0.03
     if kind == "wall":
         corners = [(-6, -6), (ahead, -6), (ahead, 6), (-6, 6)]
@@ -74,12 +71,11 @@ def commands(robot, mode, rate, rng):
 
 
 def circle_at(robot, time, aside):
-    """The circle that walks over the robot, towards the walls ahead: (x, y, radius) [m]."""
     return -(robot.radius + RADIUS + 0.6) + SPEED * time, aside * (1.0 - 0.2 * time), RADIUS
 
 
 def push_kinematic(robot, world, mode, rate, aside):
-    """Let the circle walk; return the least room between footprint and walls, as a share of its radius."""
+    """Move the circle; return the minimum room between footprint and walls, as a share of its radius."""
     rng, state, least = np.random.default_rng(rate), np.zeros(at.STATE_SIZE), math.inf
     record = at.robot_record(robot, 1.0 / rate)
     for k, twist in zip(range(round(SECONDS * rate)), commands(robot, mode, rate, rng)):
@@ -90,7 +86,7 @@ def push_kinematic(robot, world, mode, rate, aside):
 
 
 def run_bullet(robot, world, mode, rate, seconds, begin=ORIGIN):
-    """Drive; return the least room from the body's centre to walls, as a share of half its width, and the tilt."""
+    """Drive; return the minimum room from the body's centre to walls, as a share of half its width, and the tilt."""
     rng, least, tilt = np.random.default_rng(rate), math.inf, 0.0
     simulator = make_simulator("bullet", robot, 1.0 / rate)
     simulator.reset(world, [begin], [rng])
@@ -105,7 +101,7 @@ def run_bullet(robot, world, mode, rate, seconds, begin=ORIGIN):
 
 
 def push_bullet(robot, world, mode, rate, aside, monkeypatch):
-    """Let a person walk who does not stop at robots."""
+    """Let a person walk without stopping at robots."""
     walked = itertools.count()
 
     def walk(people, points, fields, setup, robots):
@@ -136,7 +132,7 @@ def test_nothing_pushes_a_robot_through_a_wall(physics, size, row, monkeypatch):
 
 @pytest.mark.skipif(WITHOUT_PYBULLET, reason="PyBullet is not installed")
 def test_no_robot_climbs_or_slips_through_walls_that_meet_at_30_degrees(size, row):
-    """Without the check of every pose, mpo_500 creeps through within ten seconds, and fast robots tip over and fly."""
+    """Without a check of every pose, mpo_500 creeps through within ten seconds, and fast robots tip over and fly."""
     many = itertools.product(
         LIBRARY + OWN, ("wall", "corner", "far corner", "dead end"), ("ahead", "back", "random"), RATES
     )

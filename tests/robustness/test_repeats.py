@@ -1,5 +1,3 @@
-"""The same seed in other processes, and with other numbers of threads."""
-
 import hashlib
 
 import gymnasium
@@ -15,7 +13,6 @@ CASES = {
     "ExploreTeam-v0": ("ExploreTeam", {"num_robots": 2}),
     "Navigate-v0": ("Navigate", {}),
 }
-"""Ids and arguments."""
 COMMON = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "control_hz": 5.0}
 ELSEWHERE = {
     "another process": {},
@@ -23,11 +20,9 @@ ELSEWHERE = {
     "four threads": {"OMP_NUM_THREADS": "4", "NUMBA_NUM_THREADS": "4"},
     "another hash seed": {"PYTHONHASHSEED": "77"},
 }
-"""Variables of the environment of a process that repeats the episodes."""
 
 
 def digest(case):
-    """Return the SHA-256 of an episode: observations, rewards, pose errors."""
     id, arguments = CASES[case]
     env = gymnasium.make(f"lidarnaut:lidarnaut/{id}-v0", **COMMON | arguments).unwrapped
     found = hashlib.sha256()

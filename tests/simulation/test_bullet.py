@@ -1,5 +1,3 @@
-"""PyBullet, in worlds of many walls too, and the lidar's ray casting against its own."""
-
 import math
 import pickle
 import subprocess
@@ -26,11 +24,11 @@ ROOT = Path(__file__).parents[2]
 BEAMS, POSES, REACH = 360, 25, 12.0
 TOLERANCE = 0.002
 GRAZED = 1e-3
-"""How near a beam may pass a corner and be called grazing [m]: PyBullet's rays see triangles a little too large."""
+"""Maximum distance of a grazing beam from a corner [m]: PyBullet's rays see triangles slightly too large."""
 
 
 def test_worlds_may_have_more_walls_than_fit_into_one_mesh():
-    """A floor of 200 m x 60 m has 47,000 of them, circles included; the last one is as solid as the first."""
+    """A floor of 200 m x 60 m has 47,000 walls, circles included; the last one is as solid as the first."""
     xs = np.linspace(-9.0, 9.0, 35_000)
     far = np.column_stack([xs, np.full_like(xs, 9.0), xs, np.full_like(xs, 9.1)])
     simulator = begin("bullet", BURGER, square_room(10.0, [*far, [0.3, -1.0, 0.3, 1.0]]), ORIGIN)
@@ -88,12 +86,11 @@ def test_ever_new_worlds_do_not_fill_the_memory():
 
 @pytest.fixture
 def many(monkeypatch):
-    """Let every world count as one with many walls."""
     monkeypatch.setattr(bullet_world, "_MAX_RECTANGLES", 0)
 
 
 def corridor(length):
-    """A corridor of 1 m along x, of walls of a tenth of a metre, closed at both ends."""
+    """Corridor of 1 m along x, of wall pieces of 0.1 m, closed at both ends."""
     sides = [[x, y, x + 0.1, y] for y in (-0.5, 0.5) for x in np.arange(0.0, length, 0.1)]
     ends = [[x, -0.5, x, 0.5] for x in (0.0, length)]
     bodies = {"segments": np.array(sides + ends), "circles": np.array([[length - 1.0, 0.4, 0.1]])}
@@ -126,7 +123,7 @@ def test_an_episode_does_not_depend_on_the_one_before(many):
 
 
 def test_what_is_near_is_there_and_what_is_far_is_not(many):
-    """Along a drive of 30 m, no wall in reach is missing, and the meshes of old walls are gone."""
+    """Along a drive of 30 m, all walls within range are present, and the meshes of old walls are gone."""
     shapes = {}
 
     class Client:
@@ -193,7 +190,7 @@ def corner(robot):
 def test_a_robot_that_drives_into_a_corner_stays_in_front_of_it_and_gets_out_again():
     robot = load_robot("mpo_500")
     simulator, poses = make_simulator("bullet", robot, 0.05), []
-    for _ in range(2):  # an episode does not depend on what the engine let through before
+    for _ in range(2):  # episodes are independent of previous penetrations in the engine
         simulator.reset(corner(robot), [ORIGIN], [np.random.default_rng(0)])
         touched = [simulator.step([Twist(robot.max_v, 0.0)])[0].bumper for _ in range(240)]
         assert np.mean(touched[80:]) > 0.9
@@ -218,7 +215,7 @@ def test_a_robot_that_accelerates_too_fast_for_its_weight_drives_on_level():
 
 
 def test_a_body_that_is_larger_than_its_footprint_gets_free():
-    """A wall lies in it from the start on, which stops it on no way out."""
+    """A wall overlaps the body from the start, and must not block any way out."""
     robot = replace(load_robot("create3"), radius=0.05)
     simulator = begin("bullet", robot, square_room(3.0, segments=[[0.06, -2.0, 0.06, 2.0]]), Pose2D(0.0, 0.0, math.pi))
     for _ in range(40):

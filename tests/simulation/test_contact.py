@@ -1,5 +1,3 @@
-"""What keeps a body on its side of walls."""
-
 import math
 
 import numpy as np
@@ -12,7 +10,7 @@ NO_CIRCLES = np.empty((0, 3))
 
 
 def is_cut_slowly(pose, before, body, wall):
-    """Look at many points of the wall, and of the way from before."""
+    """Sample many points of the wall, and of the motion from the previous pose."""
     (_, _, half_length, half_width), center = body, np.array([body[:2]])
     share = np.linspace(0.0, 1.0, 2001)[:, None]
     points = pose.inverse().transform(wall[:2] + share * (wall[2:] - wall[:2])) - center
@@ -50,7 +48,7 @@ def test_circles_are_found_as_their_outlines_are(half_width):
         points = np.column_stack([x + radius * np.cos(angles), y + radius * np.sin(angles)])
         outline = np.hstack([points[:-1], points[1:]])
         is_round_it = is_cut(pose, before, body, outline, NO_CIRCLES)
-        is_in_it = math.dist(pose[:2], (x, y)) < radius - 0.15  # where body and way may touch no outline
+        is_in_it = math.dist(pose[:2], (x, y)) < radius - 0.15  # body and motion may touch no outline
         is_found = is_cut(pose, before, body, np.empty((0, 4)), np.array([[x, y, radius]]))
         assert is_found == is_round_it or (is_found and is_in_it)
         found += is_found

@@ -1,5 +1,3 @@
-"""Same seed, same bytes, whatever happened before."""
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,6 @@ WORLD = square_room(
 
 
 def record(simulator, seed, steps=60, world=WORLD, pose=NEAR_WALL):
-    """All readings and states of an episode of random commands."""
     rng = np.random.default_rng(1000 + seed)
     reading = simulator.reset(world, [pose], [np.random.default_rng(seed)])[0]
     log = []
@@ -49,7 +46,6 @@ def test_an_episode_repeats_after_other_episodes(physics, name):
 
 
 def test_both_physics_draw_the_same_noise(bullet):
-    """Standing still, the robot senses the same under both, draw for draw."""
     readings = []
     for physics in (bullet, "kinematic"):
         simulator = begin(physics, load_robot("mpo_500"), WORLD, NEAR_WALL)

@@ -19,7 +19,7 @@ SUBSTEPS = 6
 
 
 def test_equals_the_plain_physics():
-    """Among walls, posts and a person, with slip; here every obstacle is looked at in every substep."""
+    """Among walls, posts and a person, with slip; the reference checks every obstacle in every substep."""
     walls = [[0.4, -0.5, 0.4, 0.5], [-0.3, 0.3, 0.3, 0.5], [-0.5, -0.4, 0.2, -0.45]]
     person = FixedRoute(radius=0.1, waypoints=np.array([[-0.5, 0.9], [-0.5, -0.9]]), speed=0.3)
     world = square_room(0.8, walls, circles=[[-0.2, 0.2, 0.05]], people=[person])

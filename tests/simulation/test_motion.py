@@ -1,5 +1,3 @@
-"""Flat ground: the robot executes its command, times the error of its controller, alike under both physics."""
-
 import math
 from dataclasses import replace
 
@@ -23,7 +21,6 @@ def gains(robot):
 
 
 def motions(simulator, command, steps):
-    """Step and return the true motion and the reading of each step."""
     for _ in range(steps):
         before = simulator.states[0].pose
         reading = simulator.step([command])[0]
@@ -78,7 +75,7 @@ def test_odometry_errs_as_documented(physics, name):
 
 
 def test_slip_spreads_as_stated(physics):
-    """Over d metres a wheel slips with standard deviation slip_std * sqrt(d), and encoders do not see it."""
+    """Over d metres a wheel slips with standard deviation slip_std * sqrt(d), which encoders do not measure."""
     robot = replace(BURGER, drive=replace(BURGER.drive, slip_std=0.02))
     simulator, odometry = make_simulator(physics, robot, 0.1), WheelMotion(robot)
     headings, odometry_headings, runs = [], [], 60
@@ -98,7 +95,7 @@ def test_slip_spreads_as_stated(physics):
 def test_no_slip_moves_a_robot_beyond_its_limits_and_their_margin(physics, command):
     robot = replace(BURGER, drive=replace(BURGER.drive, slip_std=1.0))
     forward, turning = gains(robot)
-    more = 1.001 if physics == "kinematic" else 1.3  # a body of some mass overshoots, and pitches
+    more = 1.001 if physics == "kinematic" else 1.3  # a body with mass overshoots, and pitches
     margin = 0.1 * (1.0 + SLIP_MARGIN) * more
     twist = Twist(command[0] * robot.max_v, command[1] * robot.max_w)
     for motion, _ in motions(begin(physics, robot, PLAIN, ORIGIN), twist, 100):

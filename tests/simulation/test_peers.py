@@ -1,5 +1,3 @@
-"""Several robots that see each other and run into each other, and what a robot touches."""
-
 import math
 from dataclasses import replace
 
@@ -42,7 +40,7 @@ def test_a_robot_that_runs_into_a_wall_does_not_bump_into_the_peer_beside_it():
     ahead = 1.0 + 2.0 * BURGER.radius + 2e-4
     world = make_room(0.0, 0.0, ahead + BURGER.radius + 2e-5, 4.0)
     simulator = begin("kinematic", BURGER, world, LEFT, Pose2D(ahead, 2.0, 0.0))
-    simulator.rows.numbers[0, X] += 1.5e-4  # a gap of 0.05 mm is less than robots may start with
+    simulator.rows.numbers[0, X] += 1.5e-4  # a gap of 0.05 mm is below the minimum at the start
     for _ in range(3):
         readings = simulator.step([STILL, Twist(BURGER.max_v, 0.0)])
         assert [reading.bumper for reading in readings] == [False, True]
@@ -65,7 +63,7 @@ def test_both_robots_of_a_grazing_collision_are_in_contact_in_the_same_step(lead
 
 
 def test_peers_do_not_change_what_a_distant_robot_senses(physics):
-    """Each robot has noise of its own; alone or among others, it reads the same."""
+    """Each robot has its own noise generator: readings are equal with and without other robots."""
     poses = [LEFT, Pose2D(20.0, 2.0, 0.0)]
     commands = [Twist(0.2, 0.5), Twist(-0.1, 1.0)]
     together = make_simulator(physics, BURGER, 0.1, 2)

@@ -1,5 +1,3 @@
-"""Every sensor against a known answer."""
-
 import math
 from dataclasses import replace
 
@@ -31,7 +29,7 @@ def read(lidar=LIDAR, imu=None, *, pose=ORIGIN, angles=(0.0, 0.0), yaw_rate=0.0,
 
 
 UP, DOWN = 1.0 / math.cos(0.05), 0.2 / math.sin(0.1)
-"""By how much a tilt lengthens a beam to a wall, and the distance along a beam to the floor [m]."""
+"""Relative length of an upward beam to a wall, and length of a downward beam to the floor [m]."""
 
 
 @pytest.mark.parametrize(
@@ -50,7 +48,6 @@ UP, DOWN = 1.0 / math.cos(0.05), 0.2 / math.sin(0.1)
     ],
 )
 def test_a_lidar_measures_the_box(lidar, pose, ranges):
-    """From where it is mounted, tilted or not, within its field of view and its limits."""
     measured = read(replace(LIDAR, **lidar), pose=Pose2D(*pose)).ranges
     assert measured.dtype == np.float32
     np.testing.assert_allclose(measured, ranges, rtol=1e-6)
@@ -121,7 +118,7 @@ def test_people_and_the_bumper_are_reported():
 
 
 def test_the_gyroscope_measures_the_mean_yaw_rate_of_the_period(physics):
-    """Its integral is the change of heading, also while the robot speeds up and slips."""
+    """The integral is the change of heading, also during acceleration and slip."""
     simulator = begin(physics, replace(BURGER, imu=ImuParams()), WORLD, ORIGIN)
     commands = np.random.default_rng(1)
     for step in range(60):
@@ -148,7 +145,7 @@ def test_the_bias_of_the_gyroscope_lasts_from_reset_to_reset(physics):
         readings = simulator.reset(WORLD, [ORIGIN], [np.random.default_rng(seed)])
         readings += [simulator.step([Twist(0.0, 0.0)])[0] for _ in range(2)]
         rates = [reading.yaw_rate for reading in readings]
-        assert np.ptp(rates) < 5e-4  # bullet settles on its wheels
+        assert np.ptp(rates) < 5e-4
         biases.append(rates[0])
     assert np.std(biases) == pytest.approx(0.01, rel=0.15)
     assert abs(np.mean(biases)) < 0.003

@@ -1,5 +1,3 @@
-"""Walls stop robots, let none through, and tip none over."""
-
 import math
 
 import numpy as np
@@ -17,7 +15,6 @@ WALLED = square_room(8.0, segments=[[WALL, -8.0, WALL, 8.0]])
 
 
 def farthest(robot, pose):
-    """Greatest x that the chassis reaches [m]."""
     x, y, _ = robot.body.center
     center = pose.transform(np.array([[x, y]]))[0, 0]
     if robot.body.size is None:
@@ -75,7 +72,7 @@ def test_a_person_stops_at_a_robot_and_walks_on_when_it_has_left(physics):
 
 @pytest.mark.parametrize("name", ["create3", "turtlebot3_waffle_pi", "raspimouse"])
 def test_a_wall_of_many_pieces_is_smooth(physics, name):
-    """Robots glide along it at a shallow angle; a round one keeps its heading, a square one may turn along it."""
+    """Robots glide along the wall at a shallow angle; round robots keep their heading, square robots may turn."""
     robot = without_slip(load_robot(name))
     world = square_room(5.0, segments=[[x, 1.0, x + 0.05, 1.0] for x in np.arange(-4.0, 4.01, 0.05)])
     simulator = begin(physics, robot, world, Pose2D(-3.0, 1.0 - robot.radius - 0.01, 0.25))

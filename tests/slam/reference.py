@@ -1,4 +1,4 @@
-"""TinySLAM's map and matcher once more, slow and plain: doubles, dictionaries, one cell at a time."""
+"""Slow reference of TinySLAM's map and matcher: doubles, dictionaries, one cell at a time."""
 
 import math
 from fractions import Fraction
@@ -11,14 +11,14 @@ LIDAR = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=
 
 
 def random_scan(rng):
-    """Return ranges of `LIDAR`, with some that say nothing, never returned or end close by."""
+    """Return ranges of `LIDAR`, including invalid, missing and short returns."""
     ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
     ranges[:4] = np.nan, np.inf, 0.06, 1.0
     return ranges
 
 
 def beams(ranges, pose, lidar, side, skip_exceeding):
-    """Yield the first and the last cell (row, column) of each beam, and whether it hit something."""
+    """Yield the first and the last cell (row, column) of each beam, and True for a hit."""
     base = pose.compose(type(pose)(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
     for r, angle in zip(ranges.tolist(), lidar.angles):
         if math.isnan(r) or (r >= lidar.range_max and skip_exceeding):
@@ -30,7 +30,7 @@ def beams(ranges, pose, lidar, side, skip_exceeding):
 
 
 def line(first, last):
-    """Cells (row, column) from first to last; a line right between two cells takes the one nearer to its start."""
+    """Cells (row, column) from first to last; a line exactly between two cells takes the cell nearer to its start."""
     d_row, d_col = last[0] - first[0], last[1] - first[1]
     length = max(abs(d_row), abs(d_col))
     cells = []
@@ -71,10 +71,10 @@ class ReferenceMap:
 
 
 def cost(values, points, x, y, theta, unvisited):
-    """Scan cost at a pose: one minus the occupancy, summed over the hits. Single precision, as the matcher has it.
+    """Scan cost at a pose: one minus the occupancy, summed over the hits, in single precision like the matcher.
 
     Args:
-        values: shape (height, width), float64, occupancies, with the unvisited value where never observed.
+        values: shape (height, width), float64, occupancies, with the unvisited value if never observed.
         points: shape (2, n), float32, hits in the base frame [cells].
         x, y, theta: pose from the map's corner [cells, rad].
         unvisited: occupancy outside of the map.
@@ -91,7 +91,7 @@ def cost(values, points, x, y, theta, unvisited):
 
 
 def search(values, points, pose, sigma_xy, sigma_theta, max_failed, max_tries, noise, unvisited):
-    """The Monte Carlo matcher; returns (pose, cost, [(tested pose, its cost, accepted), ...])."""
+    """Return (pose, cost, [(tested pose, its cost, accepted), ...])."""
     best_cost = cost(values, points, *pose, unvisited)
     tested = [(pose, best_cost, True)]
     failed = total = 0

@@ -1,5 +1,3 @@
-"""Exact scans of a small room, for tests of SLAMs."""
-
 import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D
@@ -12,21 +10,19 @@ from lidarnaut.envs.slam.matching.fields import Field
 
 LIDAR = LidarParams(num_beams=180, range_max=6.0, mount=Mount(x=-0.05, y=0.02, yaw=0.1))
 STAY = Pose2D(0.0, 0.0, 0.0)
-# A room of 6 m x 5 m with a box in it, around the start.
+# A room of 6 m x 5 m with a box, around the start.
 ROOM = [(-3, -2, 3, -2), (3, -2, 3, 3), (3, 3, -3, 3), (-3, 3, -3, -2)]
 BOX = [(1, 0.5, 1.6, 0.7), (1.6, 0.7, 1.3, 1.4), (1.3, 1.4, 1, 0.5)]
 CIRCLE = [Pose2D(0.02, 0.0, 0.015)] * 400  # about one turn
-BY_WHEELS = [Pose2D(0.0206, 0.0002, 0.0165)] * 400  # 3 % too far, and 10 % too much of a turn
+BY_WHEELS = [Pose2D(0.0206, 0.0002, 0.0165)] * 400  # distances 3 % too long, turns 10 % too large
 WHEELS = OdometryNoise(0.005, 0.05, 0.005, 0.12, 0.05)
 CORRIDOR = [(-50, -1, 50, -1), (-50, 1, 50, 1)]
 ELSEWHERE = [(-0.5, -0.4, 0.5, -0.4), (0.5, -0.4, 0.5, 0.4), (0.5, 0.4, -0.5, 0.4), (-0.5, 0.4, -0.5, -0.4)]
-"""A box of 1 m x 0.8 m."""
 SMALL = {
     "tinyslam": {},
     "hector": {"map_width": 20.0, "map_height": 20.0, "min_travel_angle": 0.3},
     "gmapping": {"map_width": 10.0, "map_height": 10.0, "num_particles": 10},
 }
-"""Parameters that suit the room."""
 
 
 NO_CIRCLES = np.empty((0, 3))
@@ -37,7 +33,6 @@ def make_small(name, preset="default", noise=WHEELS, **changes):
 
 
 def scan(pose, rng=None, noise=0.01, walls=ROOM + BOX, lidar=LIDAR, circles=NO_CIRCLES):
-    """Ranges of the lidar at a pose, with noise if there is a generator."""
     out = np.empty(lidar.num_beams, dtype=np.float32)
     sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
     cast_rays(*sensor, lidar.beams, np.array(walls, dtype=float), circles, out)
@@ -49,14 +44,14 @@ def see(pose, *args, **kwargs):
 
 
 def follow(slam, motions, rng=None, pose=STAY):
-    """Yield the true pose and the belief at the start and after each motion, which odometry measures as it is."""
+    """Yield the true pose and the belief at the start and after each motion, with exact odometry."""
     for motion in [STAY, *motions]:
         pose = pose.compose(motion)
         yield pose, slam.update(see(pose, rng), motion)
 
 
 def drive(slam, motions, odometry, seed=0, walls=ROOM + BOX):
-    """Return the true and the estimated pose after the motions, of which odometry measures others."""
+    """Return the true and the estimated pose after the motions, with wrong `odometry`."""
     rng = np.random.default_rng(seed)
     slam.reset(np.random.default_rng(seed + 1))
     pose = STAY
@@ -77,12 +72,11 @@ def wall_distances(points, segments, circles=()):
 
 
 def rectangle(x0, y0, x1, y1):
-    """Return the four walls of a rectangle, shape (4, 4)."""
     return np.array([[x0, y0, x1, y0], [x1, y0, x1, y1], [x1, y1, x0, y1], [x0, y1, x0, y0]], dtype=float)
 
 
 FLAT = np.concatenate([rectangle(0.0, 0.0, 6.0, 4.0), rectangle(4.0, 1.0, 4.6, 1.5), [[2.0, 4.0, 2.0, 2.8]]])
-"""A room of 6 m x 4 m with a box and a partition, shape (9, 4) [m]."""
+"""Room of 6 m x 4 m with a box and a partition, shape (9, 4) [m]."""
 
 
 def visible_points(walls, pose, num_beams, range_max):
@@ -94,7 +88,6 @@ def visible_points(walls, pose, num_beams, range_max):
 
 
 def render_field(walls, poses, num_beams=180, range_max=10.0, seed=0):
-    """Return the field of noisy scans of walls from poses."""
     rng, lidar = np.random.default_rng(seed), LidarParams(num_beams=num_beams, range_max=range_max)
     map = LogOddsMap(HectorParams(num_levels=1, skip_exceeding=True), lidar)
     for pose in poses:

@@ -1,5 +1,3 @@
-"""What several SLAMs have in common, and their parameters."""
-
 import math
 
 import numpy as np
@@ -67,7 +65,7 @@ def test_same_seed_same_bytes(name):
     slam = make_small(name)
     first = run(slam, 1)
     assert run(slam, 1) == run(make_small(name), 1) == first
-    assert (run(slam, 2) == first) == (name == "hector")  # in which nothing is random
+    assert (run(slam, 2) == first) == (name == "hector")
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ def test_refine_finds_the_pose_and_the_prior_holds_it():
     firm = PosePrior(*start, 1e6, 0.0, 0.0, 1e6, 0.0, 1e6)
     *held, _ = refine(levels, 2, points, 80, start, firm, 10, 10)
     np.testing.assert_allclose(held, start, atol=1e-3)
-    # Firm along x alone: the rest is found.
+    # With a strong prior along x only, the other components are found.
     *partly, _ = refine(
         levels, 2, points, 80, (30.0, 23.8, 0.4), PosePrior(30.2, 24.0, 0.4, 1e6, 0, 0, 0, 0, 0), 10, 10
     )
@@ -84,7 +84,7 @@ def test_refine_finds_the_pose_and_the_prior_holds_it():
 
 
 @pytest.mark.parametrize("unknown", [50, 0])
-@pytest.mark.parametrize("x", [19.3, 3.0])  # well inside, and where the window leaves the map
+@pytest.mark.parametrize("x", [19.3, 3.0])  # well inside, and with a window that leaves the map
 def test_search_tries_every_pose_of_the_window(unknown, x):
     occupancy, points = random_case(3)
     pose, window = (x, 14.8, 0.7), CorrelativeWindow(4.0, 0.06, 3.0, 0.05, unknown)

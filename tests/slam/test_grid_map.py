@@ -17,7 +17,7 @@ ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
 
 
 def draw(params, beams, quality=1.0, lidar=ONE_BEAM):
-    """Draw (range, heading) beams from the middle of the 5 x 5 grid."""
+    """Integrate (range, heading) beams from the middle of the 5 x 5 grid."""
     grid_map = GridMap(params, lidar)
     for r, heading in beams:
         grid_map.integrate(np.array([r], dtype=np.float32), Pose2D(0.5, 0.5, heading), quality)
@@ -63,7 +63,7 @@ def test_map_matches_the_slow_reference(changes):
         assert not new & known
         known |= new
         assert known == set(reference.cells)
-    assert grid_map.words.shape > (30, 10)  # it had to grow
+    assert grid_map.words.shape > (30, 10)  # the map has grown
     rows, cols = (np.array(list(reference.cells)) - corner[::-1]).T
     values = probabilities(grid_map.words)
     np.testing.assert_allclose(values[rows, cols], [value for value, _ in reference.cells.values()], atol=2e-4)

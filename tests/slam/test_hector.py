@@ -93,7 +93,7 @@ def test_robots_share_a_map():
     assert second.belief.grid is first.belief.grid
     far = scan(aside, walls=[(-40, -1, -40, 1)], lidar=LIDAR)
     far[:] = 5.9
-    first.update(Reading.of_scan(far), Pose2D(8.0, 0.0, 0.0))  # the map grows
+    first.update(Reading.of_scan(far), Pose2D(8.0, 0.0, 0.0))
     moved = aside.compose(Pose2D(0.0, 0.0, 0.4))
     belief = second.update(see(moved), Pose2D(0.0, 0.0, 0.38))
     assert distance(belief.pose, moved) < 0.02

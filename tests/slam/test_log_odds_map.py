@@ -42,7 +42,7 @@ def test_every_level_matches_the_slow_reference(skip_exceeding):
         assert not new & known
         known |= new
         assert known == set(levels[0])
-    assert grid_map.grid.data.shape > (30, 12)  # it had to grow
+    assert grid_map.grid.data.shape > (30, 12)  # the map has grown
     assert grid_map.levels[0] is grid_map.grid.data
     for k, cells in enumerate(levels):
         corner = np.array(grid_map.corner[::-1]) // 2**k

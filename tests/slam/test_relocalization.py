@@ -15,7 +15,6 @@ MOTION = Pose2D(0.15, 0.0, -0.25)
 
 @pytest.fixture(scope="module")
 def grid():
-    """Return the map of the room, made on a drive in a circle."""
     slam = make_slam("hector", LIDAR, 0.05)
     for pose, belief in follow(slam, [MOTION] * 30):
         assert math.dist(belief.pose[:2], pose[:2]) < 0.03
@@ -84,7 +83,7 @@ def test_among_people_beams_through_what_the_map_shows_are_no_loss_and_scans_tha
 
 def test_a_pose_is_taken_only_where_no_other_one_is_like_it():
     steps, found = [Pose2D(0.1 * k - 0.5, 0.1 * (k % 3), 0.5 * k) for k in range(14)], []
-    for width in (1.0, 1.3):  # of a second room at 12 m, to that of the first
+    for width in (1.0, 1.3):  # width of a second room at 12 m, relative to the first room
         map = LogOddsMap(HectorParams(map_width=40.0, map_height=20.0), LIDAR)
         for pose in steps:
             map.integrate(scan(pose), pose)
@@ -116,7 +115,7 @@ def test_a_robot_is_lost_only_once_it_is_kidnapped_and_then_found_on_a_map_that_
         assert not slam.update(see(pose, rng), MOTION).is_lost
     assert math.dist(slam.belief.pose[:2], pose[:2]) < 0.05
     assert (slam.belief.grid.data != before).any()
-    if name != "hector":  # which keeps no path
+    if name != "hector":  # Hector has no path
         slam.finish()
         assert math.dist(slam.belief.path[-1, :2], pose[:2]) < 0.3
 

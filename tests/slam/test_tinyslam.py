@@ -50,7 +50,7 @@ def test_scans_are_integrated_when_the_robot_has_moved():
 
 
 def test_frames_of_odometry():
-    # The estimated heading is turned a quarter against odometry's: forward by the wheels is "along x" or "along y".
+    # The estimated heading differs from odometry by 90 degrees: forward by the wheels is "along x" or "along y".
     nothing = Reading.of_scan(np.full(180, np.nan, dtype=np.float32))
     for frame, expected in (("robot_frame", (0.0, 1.0)), ("odometry_frame", (1.0, 0.0))):
         slam = TinySlam(LIDAR, load_params("default", {"odometry": frame}))

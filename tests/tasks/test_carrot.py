@@ -11,7 +11,6 @@ WALL = {"world": "hall", "world_size": (8.0, 8.0), "robot": "jackal", "physics":
 
 
 def follow(path, seed, id="lidarnaut/ReachGoal-v0", **arguments):
-    """Drive towards the carrot; return the last info and the angles at which it was seen."""
     settings = {"observations": {"carrot": {"path": path, "ahead": 0.3}}, "min_distance": 4.0, "contact": "costs"}
     env = gymnasium.make(id, **{**WALL, **settings, **arguments})
     observation, _ = env.reset(seed=seed)

@@ -32,7 +32,7 @@ def test_what_cannot_be_reached_or_seen_is_not_explorable():
         for walls in ([(2.01, 0.0, 2.01, 2.02)], [(2.01, 0.0, 2.01, 0.9), (2.01, 1.05, 2.01, 2.02)])
     )
     assert closed_off.area == pytest.approx(4.0, abs=0.3)
-    # Through a slit too narrow for the robot it sees part of the other half, and all it sees lies within the room.
+    # Through a slit too narrow for it, the robot sees a part of the other half, and only area within the room.
     assert 0.5 < slit.area - closed_off.area < 4.0
     for area in (closed_off, slit):
         assert not area.is_traversable(Pose2D(3.0, 1.0, 0.0))
@@ -84,7 +84,7 @@ EVERYTHING = np.zeros((200, 200), dtype=np.int8)
 
 
 def begin(world, start=MIDDLE, lidar=LONG):
-    """Return the explorable area of a world, its coverage, and what adds a map's update and a perfect scan."""
+    """`add` integrates a map update and a perfect scan."""
     area = explorable_area(world, BURGER, 0.05)
     coverage = Coverage(area, start, lidar)
     return area, coverage, lambda update, pose=start: coverage.update(update, 0.05, true_scan(world, pose, lidar), pose)
@@ -96,17 +96,17 @@ def test_a_perfect_map_of_what_was_seen_covers_everything_however_it_is_turned(t
     assert add(NO_UPDATE) == 0.0
     assert add(update_of(EVERYTHING)) == pytest.approx(area.area)
     assert coverage.explored_fraction == 1.0
-    assert add(update_of(EVERYTHING)) == 0.0  # known twice counts once
+    assert add(update_of(EVERYTHING)) == 0.0
 
 
 def test_cells_beyond_the_walls_earn_nothing():
     _, coverage, add = begin(ROOM)
-    assert add(update_of(np.zeros((40, 40), dtype=np.int8), (5.0, 5.0))) == 0.0  # a map that is off by five metres
+    assert add(update_of(np.zeros((40, 40), dtype=np.int8), (5.0, 5.0))) == 0.0  # a map with an error of five metres
     assert coverage.explored_area == 0.0
 
 
 def test_what_the_map_knows_counts_once_a_true_scan_sees_it():
-    # Two halves with a door: from the left one little is seen of the right one.
+    # Two halves with a door: little of the right half is visible from the left.
     start = Pose2D(0.5, 1.7, 0.0)
     world = make_room(0.0, 0.0, 4.02, 2.02, [(2.01, 0.5, 2.01, 2.02)], spawn=start)
     area, coverage, add = begin(world, start)
@@ -144,7 +144,7 @@ def test_a_scan_sees_what_lies_within_the_width_of_its_beams(num_beams, theta):
     ranges = true_scan(world, pose, lidar)
     coverage.update(update_of(EVERYTHING), 0.05, np.zeros_like(ranges), pose)
     add(NOTHING_NEW)
-    # Swept by beams that are 10 cm wide on either side, and that much longer.
+    # Beams are widened by 10 cm on either side, and lengthened by 10 cm.
     eye = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw + lidar.angle_min))
     x, y = (area.walls.centers(np.argwhere(area.explorable)) - (eye.x, eye.y)).T
     angles = eye.theta + lidar.angle_increment * np.arange(num_beams)
@@ -187,7 +187,7 @@ def test_a_blocked_robot_that_turns_its_wheels_earns_only_what_it_sees(slam):
     for _ in range(1200):
         _, _, terminated, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
         assert not terminated
-    # It stands between 5 m and 5.5 m, and sees 3.5 m back and less than a metre ahead.
+    # The robot stands between 5 m and 5.5 m, and sees 3.5 m back and less than a metre ahead.
     assert info["pose_error"][0] > 0.5
     assert info["explored_fraction"] < 4.9 / 32.0
 

@@ -28,7 +28,7 @@ def squares(*sides, angle=0.0, spawn):
 
 
 def ring(width, length, angle=0.0):
-    """A square ring of corridors, `length` along its middle."""
+    """Square ring of corridors; `length` is measured along its middle."""
     return squares(length / 4 + width, length / 4 - width, angle=angle, spawn=length / 8)
 
 

@@ -48,7 +48,7 @@ def test_passages_are_as_wide_as_they_say():
 
 
 def width_across(world, spawn):
-    """Return how far it is from wall to wall, to the left and right of a spawn that faces along one of the axes."""
+    """Return the distance between the walls left and right of an axis-aligned spawn [m]."""
     axis = 0 if abs(math.cos(spawn.theta)) > 0.7 else 1
     along, across = spawn[axis], spawn[1 - axis]
     walls = world.segments[world.segments[:, 1 - axis] == world.segments[:, 3 - axis]]
@@ -58,14 +58,14 @@ def width_across(world, spawn):
 
 
 def clearances(world):
-    """Return how far points on a grid between start and goal are from the nearest cylinder [m]."""
+    """Return distances to the nearest cylinder of points on a grid between start and goal [m]."""
     (x, y, _), (_, top, _) = world.spawns[0], world.goals[0]
     nodes = np.stack(np.meshgrid(np.arange(y, top, STEP), np.arange(x - 2.2, x + 2.2, STEP), indexing="ij"), axis=-1)
     return cKDTree(world.circles[:, 1::-1]).query(nodes)[0] - world.circles[0, 2]
 
 
 def bottleneck(world):
-    """Return the radius of the largest circle that gets from the start to the goal [m]."""
+    """Return the radius of the largest circle that fits through from start to goal [m]."""
     clearance, low, high = clearances(world), 0.0, 2.0
     middle = clearance.shape[1] // 2
     while high - low > 0.005:
@@ -76,7 +76,6 @@ def bottleneck(world):
 
 
 def detour(world):
-    """Return the length of the shortest path to the goal over that of the straight line."""
     area = explorable_area(world, JACKAL, STEP)
     return GeodesicDistance(area, world.goals[0]).length(world.spawns[0]) / (world.goals[0].y - world.spawns[0].y)
 

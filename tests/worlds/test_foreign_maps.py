@@ -1,4 +1,4 @@
-"""Maps in the styles of other programs, used as worlds: the robot starts in the house, and the house is the world."""
+"""Maps of other programs as worlds: the robot starts in the house, and the house is the world."""
 
 import logging
 
@@ -22,7 +22,7 @@ HOUSE = (2.0, 1.5, 8.0, 6.5)
 def house(beyond=UNKNOWN, yard=0.0):
     """Classes of a map of 11 m x 9 m in cells of 0.05 m, top row first: two rooms and a door between them.
 
-    `beyond`: class around the house; `yard`: width of free space that was seen through a window above it [m].
+    `beyond`: class around the house; `yard`: width of free space seen through a window above the house [m].
     """
     cells = np.full((180, 220), beyond)
     cells[28:132, 38:162] = WALL
@@ -164,7 +164,7 @@ def test_the_log_names_area_spawn_and_the_rest(tmp_path, caplog):
     caplog.clear()
     load_world(tmp_path / "map.yaml")
     warned = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
-    assert any("m2 in 1 other areas" in text for text in warned)  # more than the house
+    assert any("m2 in 1 other areas" in text for text in warned)
 
 
 def test_a_start_chooses_the_area(tmp_path):

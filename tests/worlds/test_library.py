@@ -7,7 +7,7 @@ import pytest
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.worlds import FAMILIES, WORLD_NAMES, World, free_area, load_world, reachable, world_sampler
 
-# Size and free area (flood fill at 0.05 m) as measured independently from the sources of the worlds.
+# Size and free area (flood fill at 0.05 m), measured independently from the sources of the worlds.
 MEASURED = {
     "aws_bookstore": (15.7, 14.62, 160.4),
     "aws_small_house": (19.0, 11.4, 155.9),
@@ -30,7 +30,7 @@ MEASURED = {
 
 @pytest.mark.parametrize("name", WORLD_NAMES)
 def test_every_world_loads_and_has_room_at_its_spawns(name):
-    world = load_world(name)  # refuses leaks and spawns in walls
+    world = load_world(name)
     assert world.source
     assert world.licence
     assert load_world(name) is world_sampler(name)(np.random.default_rng(0)) is world

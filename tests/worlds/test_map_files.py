@@ -75,7 +75,7 @@ COLOURS = [[[255, 255, 255, 255], [255, 255, 255, 0], [30, 0, 60, 255]]]
     [
         (GREYS, {}, [100, 100, -1, -1, 0]),
         (GREYS, {"mode": "trinary", "negate": 1}, [0, 0, -1, 100, 100]),
-        # (1 - 128 / 255 - 0.196) / (0.65 - 0.196) = 0.665; 205 lies a hair above the threshold for free.
+        # (1 - 128 / 255 - 0.196) / (0.65 - 0.196) = 0.665; 205 is slightly above the threshold for free.
         (GREYS, {"mode": "scale"}, [100, 100, 67, 0, 0]),
         (GREYS, {"mode": "raw"}, [0, 40, -1, -1, -1]),
         (GREYS, {"free_thresh": 0.25}, [100, 100, -1, 0, 0]),
@@ -108,7 +108,6 @@ def test_sixteen_bits_are_read_as_eight(tmp_path):
         ({"occupied_thresh": None}, "occupied_thresh"),
         ({"mode": "binary"}, "mode.*trinary"),
         ({"free_thresh": 0.7}, "free_thresh"),
-        # Extents beyond all bounds are refused before anything is allocated.
         ({"resolution": 1e5}, r"world 'm' spans 200000 x 100000 m, .*cells of 0\.05 m; at most 100,000,000"),
         ({"resolution": 1e300}, r"resolution: .*1e\+300"),
         ({"resolution": 1e-320}, "world 'm': spawn"),
@@ -121,7 +120,7 @@ def test_damaged_maps_are_named(tmp_path, changes, message):
 
 
 def png(width, height):
-    """A PNG of that size in a few bytes: header, and no pixels."""
+    """PNG of this size in a few bytes: header, and no pixels."""
     chunks = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0), b"IDAT" + zlib.compress(b""), b"IEND"
     parts = (struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) for chunk in chunks)
     return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
@@ -135,7 +134,7 @@ def png(width, height):
         (png(300, 200), "cannot be read"),
         (b"P5 99999999999 99999999999 255\n", "cannot be read"),
         (b"P5 -4 4 255\n" + b"x" * 16, "cannot be read"),
-        (b"II*\0\x08\0\0\0\x60\xea" + b"\xff" * 100, "cannot identify"),  # Pillow warns of it, too
+        (b"II*\0\x08\0\0\0\x60\xea" + b"\xff" * 100, "cannot identify"),  # Pillow warns, too
         (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "cannot identify"),
     ],
 )

@@ -14,7 +14,6 @@ SMALLEST = {
     **{"doorway": (5.5, 3.5), "crossing": (7.0, 7.0)},
 }
 MORE = {"clutter": ((16.0, 24.0), (13.35, 25.05))}
-"""Further sizes."""
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -23,14 +22,14 @@ def test_forty_worlds_are_closed_and_fit_for_a_robot(family):
     outlines = set()
     for seed in range(40):
         size = (None, SMALLEST[family], *MORE.get(family, ((10.0, 10.0), (9.35, 14.05))))[seed % 4]
-        world = check_world(generate(seed, size))  # closed, and the spawn is free
+        world = check_world(generate(seed, size))
         if size is not None:
             assert world.bounds == pytest.approx((0.0, 0.0, *size), abs=1e-6)
         _, inside = reachable(world)
         grid, traversable = reachable(world, radius=0.25)
         clearance = ndimage.distance_transform_edt(grid.data == 0) * grid.resolution
         fitting = np.count_nonzero((clearance > 0.25) & inside)
-        # What is left out are single cells beside furniture.
+        # Only single cells near furniture are missing.
         assert np.count_nonzero(traversable) > 0.93 * fitting, seed
         assert np.count_nonzero(inside) > 0.3 * grid.data.size, seed
         assert not world.people
@@ -76,5 +75,5 @@ def test_worlds_fit_their_robot_or_are_refused(family):
         assert np.subtract(world.bounds[2:], world.bounds[:2]) == pytest.approx(size, abs=0.2)
         area, free = explorable_area(world, tugbot, 0.1).area, free_area(world)
         assert area > 0.85 * free
-        # What fits a small robot stays as it is.
+        # Worlds that fit a small robot are unchanged.
         assert pickle.dumps(FAMILIES[family](seed, size, burger.radius)) == pickle.dumps(FAMILIES[family](seed, size))

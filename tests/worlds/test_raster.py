@@ -25,7 +25,7 @@ def square(half=1.0):
 
 
 def cuts(segment, low, high):
-    """Whether a segment and a closed axis-aligned square share a point, by clipping (Liang and Barsky, 1984)."""
+    """Return True if a segment and a closed axis-aligned square share a point, by clipping (Liang and Barsky, 1984)."""
     start, step = np.array(segment[:2]), np.subtract(segment[2:], segment[:2])
     first, last = 0.0, 1.0
     for axis in range(2):
@@ -54,7 +54,7 @@ def assert_marks_match(world, resolution):
     sure = np.zeros(grid.data.shape, dtype=bool)
     for cell in np.ndindex(grid.data.shape):
         centre = grid.centers(np.array(cell))
-        # Between the square a hair smaller and the square a hair larger, rounding may decide.
+        # Rounding may decide between a slightly smaller and a slightly larger square.
         for half, out in ((resolution / 2 + 1e-3, marked), (resolution / 2 - 1e-3, sure)):
             low, high = centre - half, centre + half
             out[cell] = any(cuts(segment, low, high) for segment in world.segments) or any(
@@ -78,7 +78,7 @@ def test_leaks_are_found():
     gap = world_of([*square()[:3], (-1, 1, -1, -0.8)])
     with pytest.raises(ValueError, match="leaks"):
         check_world(gap)
-    # A gap narrower than a cell is none for any robot.
+    # A gap narrower than a cell is closed for any robot.
     assert check_world(world_of([*square()[:3], (-1, 1, -1, -0.98)]))
 
 
@@ -141,5 +141,5 @@ def test_what_is_wrong_with_a_world_is_named(changes, complaint):
 def test_rasters_that_are_too_large_are_refused_at_once():
     with pytest.raises(ValueError, match=r"'test' spans 2 x 2 m, which is 4e\+10 cells of 1e-05 m"):
         rasterize(world_of(square()), 1e-5)
-    # A disc is drawn as far as the raster goes, which takes no time.
+    # A huge disc is drawn only within the raster, in little time.
     assert (rasterize(world_of([], [(0.0, 0.0, 1e7)]), 0.05).data == 100).all()

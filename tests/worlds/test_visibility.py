@@ -12,7 +12,7 @@ from lidarnaut.envs.worlds.visibility import NUM_DIRECTIONS, visible_from
 
 @njit
 def walk(free, goals, reach):
-    """Every line cell by cell: what `visible_from` says, without its short cuts."""
+    """Trace every line cell by cell: `visible_from` without short cuts."""
     visible = goals.copy()
     for row, col in np.argwhere(free & ~goals):
         for k in range(NUM_DIRECTIONS):
@@ -62,7 +62,7 @@ def test_short_cuts_leave_out_no_line_from_a_candidate(seed):
         ((150, 300), 20, 0.03, 70.0),
         ((140, 261), 60, 0.0, 240.0),
         ((30, 700), 4, 0.0, 70.0),
-        ((40, 90), 8, 0.0, 1e12),  # farther than the world is wide
+        ((40, 90), 8, 0.0, 1e12),  # farther than the width of the world
     ],
 )
 def test_narrow_doors(shape, room, pillars, reach):
@@ -75,13 +75,13 @@ def test_narrow_doors(shape, room, pillars, reach):
 
 
 def test_rooms_behind_narrow_doors_take_seconds():
-    """Looking from each cell by itself took two minutes: seven million of them see no goal."""
+    """One search per cell took two minutes: seven million cells see no goal."""
     visible_from(*narrow_doors(30, 30), np.ones((30, 30), dtype=bool), 70.0)
     free, goals = narrow_doors(5000, 5000, pillars=0.01)
     began = time.process_time()
     visible = visible_from(free, goals, free, 70.0)
     assert time.process_time() - began < 20.0
-    # Wherever blocks of cells lie: what is within reach of a part of the raster says what is visible in it.
+    # Blocks of cells at any offset: visibility in a part of the raster depends only on cells within range.
     free, goals = (cells[2311:2611, 1713:2313].copy() for cells in (free, goals))
     part = visible_from(free, goals, free, 70.0)
     np.testing.assert_array_equal(visible[2381:2541, 1783:2243], part[70:-70, 70:-70])

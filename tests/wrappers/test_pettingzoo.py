@@ -1,5 +1,3 @@
-"""Teams as PettingZoo's `ParallelEnv` and `AECEnv`."""
-
 import gymnasium
 import numpy as np
 import pytest
@@ -108,7 +106,6 @@ def test_wrong_decisions_are_named_and_cost_no_reward():
 
 
 def shared(first, second):
-    """Return whether two nested containers share one of theirs."""
     if isinstance(first, np.ndarray):
         return np.shares_memory(first, second)
     return isinstance(first, dict) and (first is second or any(shared(first[key], second[key]) for key in first))

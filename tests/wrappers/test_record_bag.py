@@ -1,5 +1,3 @@
-"""Episodes as ROS 2 bags."""
-
 import itertools
 import math
 from types import SimpleNamespace
@@ -33,7 +31,6 @@ FIELDS = {
     "/plan": ("nav_msgs/msg/Path", "header poses"),
     "/cmd_vel": ("geometry_msgs/msg/TwistStamped", "header twist"),
 }
-"""Type of each topic, and the fields of its messages as ROS 2 defines them."""
 
 
 def make(id="lidarnaut/Explore-v0", **arguments):
@@ -41,7 +38,6 @@ def make(id="lidarnaut/Explore-v0", **arguments):
 
 
 def drive(env, seed=0):
-    """Drive a whole episode in curves, and return the readings."""
     env.reset(seed=seed)
     readings, done = [env.unwrapped.reading], False
     while not done:
@@ -53,7 +49,6 @@ def drive(env, seed=0):
 
 
 def read(path):
-    """Return the messages of a bag by topic."""
     messages = {}
     with AnyReader([path]) as reader:
         for connection, time, raw in reader.messages():
@@ -69,7 +64,6 @@ def pose(transform):
 
 @pytest.fixture
 def drive_recorded(tmp_path):
-    """Records a whole episode; returns the environment, the readings and the bag."""
 
     def record(**arguments):
         with RecordBag(make(**arguments), tmp_path) as env:
@@ -179,7 +173,7 @@ def test_a_recorder_leaves_nothing_after_an_exception(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    with BagRecorder(env, tmp_path / "drive.mcap"):  # without a reset there is nothing to write
+    with BagRecorder(env, tmp_path / "drive.mcap"):
         pass
     assert list(tmp_path.iterdir()) == []
     with BagRecorder(env, tmp_path / "drive.mcap") as recorder:

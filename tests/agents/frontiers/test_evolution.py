@@ -58,13 +58,12 @@ def test_a_score_that_shuns_gain_takes_longer():
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The folder of a finished run."""
     run = tmp_path_factory.mktemp("runs") / "whole"
     return evolve(EvolutionConfig(**TINY, generations=3), run=run, progress=False)
 
 
 def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(whole, tmp_path):
-    """After a kill in the midst of the second generation, all of the first one is there, and nothing of the second."""
+    """After a kill in the second generation, the folder has the results of the first generation only."""
     part = shutil.copytree(whole, tmp_path / "part")
     shutil.rmtree(part / "policy")
     for name, lines in ((GENERATIONS, 1), ("evaluations.csv", 3)):
@@ -101,7 +100,7 @@ def test_validations_are_logged_after_nearest_which_is_measured_once(whole, tmp_
     nearest, first, *later = rows = read_evaluations(whole)
     assert [(row["policy"], row["steps"]) for row in (nearest, first)] == [("nearest", 0), ("learned", 0)]
     assert [(row["policy"], row["steps"]) for row in later] == [("learned", 2), ("learned", 3)]
-    assert first["time_over_rule"] == first["time_over_rule_q25"] == 1.0  # the rule, over itself
+    assert first["time_over_rule"] == first["time_over_rule_q25"] == 1.0  # the rule against itself
     assert nearest["time_over_rule"] != 1.0
     assert all(row["time_over_rule"] > 0.0 and 0.0 < row["progress"] <= 1.0 for row in rows)
     monkeypatch.setattr(evolution, "compare", None)

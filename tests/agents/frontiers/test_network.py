@@ -23,7 +23,7 @@ def to_tensors(batch):
 
 @pytest.fixture(scope="module")
 def episode():
-    """Spaces, observations of an episode driven by the rule, and what the rule chose; failures are made up."""
+    """Return spaces, and observations and actions of an episode of the rule; failures are artificial."""
     env, rule = ExploreFrontiersAbstractEnv(**QUICK), GainOverCost()
     observations, choices = [], []
     observation, _ = env.reset(seed=4)
@@ -81,7 +81,7 @@ def test_the_network_sees_all_of_a_sample_whatever_its_order_and_nothing_of_the_
         assert_close(batch | permuted, logits[:, order], values)
         for one in (slice(0, 1), slice(-1, None)):
             assert_close({key: value[one] for key, value in batch.items()}, logits[one], values[one])
-        # Attention sees the distances between candidates.
+        # Attention depends on the distances between candidates.
         far, _ = network(to_tensors(batch | {"gaps": np.full_like(batch["gaps"], 0.9)}))
         assert (far - logits).abs().max() > 1e-3
 

@@ -24,7 +24,6 @@ PARTS = "candidates", "sectors", "gaps", "robot"
 
 
 def drive(env, policy, seed, num_steps):
-    """Drive by a policy; yields observations from which it chose, and its choices."""
     observation, _ = env.reset(seed=seed)
     for _ in range(num_steps):
         choice = policy(observation)

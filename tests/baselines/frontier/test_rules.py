@@ -41,7 +41,7 @@ def test_explorers_explore_a_small_world(name, physics):
     episode = explore(name, 1, physics=physics, **world)
     assert episode.explored_fraction >= 0.97
     assert episode.collisions == 0
-    # It drives rather than turns.
+    # The robot drives rather than turns.
     assert episode.path_length > 0.3 * episode.duration * BURGER.max_v
 
 
@@ -110,7 +110,7 @@ def test_a_reset_comes_first(name, lacks):
 
 
 def test_nearest_goes_to_the_nearest_opening_that_has_not_failed():
-    # The openings lie at x = -0.1 and x = 10.1.
+    # The openings are at x = -0.1 and x = 10.1.
     assert first_choice(NearestExplorer(), 4.0, 0.0)[0] < 0.0
     assert first_choice(NearestExplorer(), 6.0, 0.0)[0] > 10.0
     candidates = candidates_from(4.0, 0.0)
@@ -120,11 +120,11 @@ def test_nearest_goes_to_the_nearest_opening_that_has_not_failed():
 
 
 def test_explore_lite_weighs_three_metres_against_nine_cells():
-    # Frontiers of 60 cells 4 m to the left, and of more cells than that farther away to the right.
+    # Frontiers of 60 cells 4 m to the left, and a larger one farther away to the right.
     published = make_explorer("explore_lite:published")
     assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 299)))[0] < 7.0
     assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 339)))[0] > 13.0
-    # Without gain the nearer one is better whatever its size.
+    # Without gain, the nearer frontier is better.
     explorer = ExploreLiteExplorer(ExploreLite(gain_scale=0.0))
     assert first_choice(explorer, 10.0, -0.5, corridor((103, 122), (280, 339)))[0] < 7.0
 
@@ -136,7 +136,7 @@ def test_explore_lite_weighs_three_metres_against_nine_cells():
         (make_explorer("next_best_view:published"), False),
         (NextBestViewExplorer(NextBestViewParams(discount=0.0)), True),
         (GainOverCostExplorer(), True),
-        # The less is added to the cost, the more the nearest counts; a high least gain makes all views alike.
+        # A small added cost favours the nearest frontier; a high minimum gain makes all views equal.
         (GainOverCostExplorer(GainOverCost(least_gain=100.0, least_cost=0.1)), False),
     ],
 )
@@ -147,7 +147,7 @@ def test_rules_weigh_a_crack_close_by_against_a_wide_opening_far_away(explorer, 
 
 def test_frontier_prefers_the_greater_gain_at_equal_distance():
     assert first_choice(FrontierExplorer(), 5.0, 0.0)[0] > 10.0
-    # Far nearer to the small opening, the gain no longer pays the distance.
+    # Much nearer to the small opening, the gain does not outweigh the distance.
     assert first_choice(FrontierExplorer(), 1.8, 0.0)[0] < 0.0
 
 

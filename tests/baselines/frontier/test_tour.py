@@ -1,5 +1,3 @@
-"""Tours: against all permutations, what comes first, and the paths between stops on a raster of coarse cells."""
-
 from itertools import permutations
 
 import numpy as np
@@ -42,7 +40,7 @@ def test_tours_pass_every_stop_once_and_begin_with_the_fixed_ones():
 
 
 def rooms_with_a_door(width):
-    """Two rooms of 4 m x 4 m beside each other; the wall between them has a door of so many cells."""
+    """Two adjacent rooms of 4 m x 4 m with a door of `width` cells."""
     data = np.full((84, 165), 100, dtype=np.int8)
     data[2:82, 2:82] = data[2:82, 84:163] = 0
     data[40 : 40 + width, 82:84] = 0
@@ -66,14 +64,13 @@ def test_lengths_are_those_of_the_fine_raster_to_within_a_few_cells():
 
 @pytest.mark.parametrize(("width", "is_open"), [(0, False), (2, False), (7, True), (9, True)])
 def test_larger_cells_neither_open_walls_nor_close_doors(width, is_open):
-    # The robot needs 7 cells.
     costmap, far = rooms_with_a_door(width), np.array([[40, 140]])
     assert np.isfinite(travel_field(costmap, (1.0, 1.0)).cost(far)[0]) == is_open
     assert (path_lengths(costmap, (1.0, 1.0), costmap.grid.centers(far))[0, 1] < UNREACHABLE_LENGTH) == is_open
 
 
 def test_a_tour_finishes_what_is_near_before_it_leaves_for_good():
-    # 1.5 m to the left lies a dead end, 1.2 m to the right the path on: nearest goes right, and must come back.
+    # A dead end 1.5 m to the left; the path on 1.2 m to the right: nearest-first goes right, and has to come back.
     grid = corridor((160, 169), (225, 230), (300, 320))
     assert first_choice(make_explorer("nearest"), 10.0, -0.5, grid)[0] > 11.0
     assert first_choice(TourExplorer(TourParams(max_stops=16)), 10.0, -0.5, grid)[0] < 9.0
@@ -88,11 +85,10 @@ def test_a_tour_is_kept_to_unless_another_one_is_clearly_shorter():
         return candidates["frontier"][rule(candidates, belief_at(x, -0.5, grid)).argmax()][0]
 
     assert choice(explorer.rule, 10.0) < 9.0
-    # A step to the other side makes the other order a little shorter, and a longer one clearly.
+    # A step to the other side makes the other order slightly shorter; a longer step makes the difference clear.
     assert choice(explorer.rule, 10.2) < 9.0
     assert first_choice(TourExplorer(), 10.2, -0.5, grid)[0] > 11.0
     assert choice(explorer.rule, 11.2) > 11.0
-    # It changes during a drive as well.
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     for _ in range(12):
         explorer.act(reading_of(), belief_at(10.0, -0.5, grid))

@@ -1,5 +1,3 @@
-"""The explorer of the warehouse AGV report, item by item."""
-
 import logging
 from dataclasses import replace
 
@@ -26,12 +24,11 @@ def test_clusters_are_dense_groups_of_candidates_cells():
     for label, opening in ((labels[0], cells[0]), (labels[-1], cells[-1])):
         assert (np.abs(cells[labels == label][:, 0] - opening[0]) < 1.0).all()
     assert all(len(candidates.cells[k]) == np.count_nonzero(owners == k) for k in range(len(candidates)))
-    # Nothing is as dense as that.
     assert (cluster(candidates, 0.5, 100)[2] == -1).all()
 
 
 def test_clearance_is_kept_to_the_centimetre_of_a_cell():
-    # The lower wall's upper cell has its centre at y = -3.025.
+    # The upper cell of the lower wall has its centre at y = -3.025.
     points = np.array([[5.0, -2.975 + 0.05 * k] for k in range(15)])
     clear = is_clear(crop_to_known(hall()), points, FrontierParams())
     np.testing.assert_array_equal(clear, points[:, 1] + 3.025 > 0.501)
@@ -45,13 +42,13 @@ def test_the_gain_counts_a_disc_that_grows_with_the_map(side, factor):
 
 
 def test_goals_nearer_than_the_least_distance_are_left_out():
-    # The small opening is 0.8 m away: its utility is the greater, but it comes only when the filters are relaxed.
+    # The small opening is 0.8 m away: its utility is greater, but only the relaxed filters accept it.
     assert first_choice(FrontierExplorer(), 0.7, 0.0)[0] > 10.0
     assert first_choice(FrontierExplorer(FrontierParams(min_goal_distance=0.0)), 0.7, 0.0)[0] < 0.0
 
 
 def test_filters_are_relaxed_before_exploration_ends():
-    # A corridor of 0.9 m: every frontier is nearer to walls than the clearance, and nearer than the least distance.
+    # A corridor of 0.9 m: every frontier is closer to walls than the clearance, and closer than the minimum distance.
     data = np.full((60, 60), -1, dtype=np.int8)
     data[20:40, 20:38] = 0
     data[18:20, 20:38] = data[40:42, 20:38] = 100
@@ -66,7 +63,7 @@ def test_what_failed_is_blacklisted_until_too_much_is():
     assert candidates["frontier"][rule(candidates, belief).argmax()][0] > 10.0
     assert candidates["frontier"][rule(failed, belief).argmax()][0] < 0.0
     assert len(rule.blacklist) == 1
-    # With both of them blacklisted, more than half is: the list is shortened and the older one is free again.
+    # Two blacklisted goals are more than half: the list is shortened, and the older one is free again.
     assert candidates["frontier"][rule(failed, belief).argmax()][0] > 10.0
 
 
@@ -77,14 +74,13 @@ def test_a_robot_that_gets_nowhere_drops_its_goal_for_another():
     first, steps, grid = explorer.rule.goal, 0, hall()
     assert first[0] > 10.0
     while explorer.rule.goal == first:
-        # To and fro by 0.2 m: that is moving, but leads nowhere.
+        # The robot moves 0.2 m back and forth without progress.
         steps += 1
         explorer.act(reading_of(time=0.1 * steps), belief_at(5.0 + 0.2 * (steps // 20 % 2), 0.0, grid))
         assert steps < 400
     assert explorer.rule.goal[0] < 0.0
     assert len(explorer.rule.blacklist) == 1
     assert explorer.end_reason is None
-    # The path is the new goal's.
     assert explorer.plan[-1, 0] < 0.5
 
 

@@ -1,5 +1,3 @@
-"""Viewpoints, what is seen from them, and tours in worlds whose best tour is known."""
-
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +15,7 @@ FOOTPRINT = CostmapParams(0.155, 0.605, 4.0)
 
 
 def world_of(*corners, walls=(), start=(1.0, 1.0)):
-    """A floor with an outline of the given corners, counter-clockwise, and further walls."""
+    """Floor with an outline of the given corners, counter-clockwise, and further walls."""
     outline = [(*a, *b) for a, b in zip(corners, (*corners[1:], corners[0]))]
     x, y = np.array(corners, dtype=float).T
     return World(
@@ -30,7 +28,6 @@ def world_of(*corners, walls=(), start=(1.0, 1.0)):
 
 
 def corridor(x):
-    """A corridor of 20 m x 2 m, with the start at an x."""
     return world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(x, 1.0))
 
 
@@ -41,7 +38,6 @@ def planner_for(world, target=1.0):
 
 
 def seen_from(planner, point):
-    """What is seen from a point, as a mask of the explorable area."""
     area = planner.area
     cells = np.argwhere(area.explorable)
     words = views_from(area.walls.data == 0, area.walls.cells(np.array([point])), REACH / 0.05, cells)
@@ -52,7 +48,7 @@ def seen_from(planner, point):
 
 
 def planned(world, target=1.0):
-    """Plan a tour from the spawn, after a first look; return its stops and its length without turns."""
+    """Plan a tour from the spawn, after a first scan; return its stops and its length without turns."""
     planner, (x, y, _) = planner_for(world, target), world.spawns[0]
     assert planner.plan(x, y, seen_from(planner, (x, y)), 60)
     points = np.array([(x, y), *planner.viewpoints.points[planner.stops]])
@@ -111,7 +107,7 @@ def test_viewpoints_are_spread_evenly_and_paths_lead_around_walls_through_those_
     [
         # The shorter end comes first. From 3.35 m before an end the lidar sees both of its corners.
         (8.0, 1.0, 3.35, 16.65, 2 * 4.65 + 8.65, (0.4, 0.8)),
-        # 80 % are enough: the last 4 m of the longer end are left unseen.
+        # 80 % are enough: the last 4 m of the longer end stay unseen.
         (3.0, 0.8, 12.6, 12.6, 9.6, (0.5, 0.6)),
     ],
 )
@@ -141,7 +137,7 @@ def test_a_viewpoint_that_is_used_up_is_no_stop_again():
         used.add(planner.stops[0])
         planner.use_up(planner.stops[0], seen)
         planner.plan(8.0, 1.0, seen, 2)
-    # Nothing new has been seen anywhere; both ends were missed twice.
+    # The map shows nothing new; both ends were missed twice.
     assert 4 <= len(used) <= 20
 
 

@@ -1,5 +1,3 @@
-"""Tours from which enough is seen, against all orders of all subsets of the viewpoints."""
-
 from itertools import pairwise, permutations
 
 import numpy as np
@@ -12,7 +10,7 @@ NOTHING, START = np.zeros(1, dtype=np.uint64), np.array([0])
 
 
 def cover_of(points, sees):
-    """Viewpoints joined by straight lines, with a small cost per stop; no viewpoint lies on a path."""
+    """Viewpoints joined by straight lines, with a small cost per stop; no viewpoint is on a path."""
     points = np.asarray(points, dtype=float)
     n = len(points)
     lengths = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)) + 1e-3

@@ -1,5 +1,3 @@
-"""The explorer that has the true map: shortest paths through small worlds, and no ground truth for the others."""
-
 import numpy as np
 import pytest
 
@@ -33,10 +31,8 @@ def test_only_the_oracle_uses_ground_truth():
     [
         # All but 1 %: 0.2 m of the far end. Seen from 3.5 m, the near end takes 4.6 m there and back, the other 8.4 m.
         (CORRIDOR, (8.0, 1.0, 0.0), pytest.approx(2 * 4.6 + 8.4, rel=0.06)),
-        # From near an end it drives to the other alone.
         (CORRIDOR, (2.0, 1.0, 0.0), pytest.approx(14.5, rel=0.05)),
         (CORRIDOR, (2.0, 1.0, 2.5), pytest.approx(14.5, rel=0.05)),
-        # What is seen from the start takes no path.
         (world_of((0, 0), (3, 0), (3, 3), (0, 3), start=(1.5, 1.5)), "spawn", pytest.approx(0.0, abs=0.05)),
     ],
 )
@@ -59,7 +55,6 @@ def test_its_path_is_shorter_than_that_of_an_explorer_without_the_map(world, see
 
 
 def test_what_the_tour_leaves_over_is_left_to_the_nearest_frontier():
-    # The plan is for half of the world, the episode for nearly all.
     env, explorer = make_env(CORRIDOR, start=(8.0, 1.0, 0.0)), OracleExplorer()
     _, info = begin_episode(env, explorer, 0, np.random.default_rng(0))
     explorer.reveal(env.task.coverage, 0.5)
@@ -71,7 +66,7 @@ def test_what_the_tour_leaves_over_is_left_to_the_nearest_frontier():
 def test_a_map_is_completed_by_the_true_one_where_it_is_unknown():
     walls = OccupancyGrid(np.zeros((20, 40), dtype=np.int8), 0.1, (-1.0, -1.0))
     walls.data[:, 30] = 100
-    # The map frame is turned by a right angle: its x axis is the world's y axis.
+    # The map frame is rotated by 90 degrees: its x axis is the world's y axis.
     truth = TrueMap(walls, Pose2D(1.0, 0.0, np.pi / 2))
     unknown, estimated = (OccupancyGrid(np.full((10, 10), -1, dtype=np.int8), 0.1, (-0.5, -0.5)) for _ in range(2))
     estimated.data[2, 3] = 100
@@ -81,12 +76,12 @@ def test_a_map_is_completed_by_the_true_one_where_it_is_unknown():
     def at(x, y):
         return completed.data[tuple(completed.cells(np.array([x, y])))]
 
-    # World (2.05, 0.35) is the wall; the estimated cell lies where the true map is free.
+    # World (2.05, 0.35) is the wall; the estimated cell is in free space of the true map.
     assert at(0.35, -1.05) == 100
     assert at(0.35, -0.85) == 0
     assert at(*estimated.centers(np.array([2, 3]))) == 100
     assert (completed.data >= 0).all()
     assert completed.data.shape[0] >= 40
-    # Without anything in common, only the true map is left.
+    # Without overlap, only the true map is left.
     far = OccupancyGrid(np.zeros((3, 3), dtype=np.int8), 0.1, (50.0, 50.0))
     np.testing.assert_array_equal(truth.complete(far).data, truth.complete(unknown).data)

@@ -12,7 +12,7 @@ from tests.baselines.maps import BURGER, belief_at, reading_of
 
 
 def rooms():
-    """Two rooms of 5 m x 4 m, joined by a door of 1 m; the right one borders on the unknown along its right side."""
+    """Two rooms of 5 m x 4 m, joined by a door of 1 m; the right room has its frontier along its right side."""
     data = np.full((104, 240), -1, dtype=np.int8)
     data[12:92, 2:202] = 0
     data[:12] = data[92:] = data[:, :2] = 100
@@ -22,7 +22,7 @@ def rooms():
 
 
 def checked_slowly(data, start, end):
-    """Sample the line densely, and judge by the first cell, after the one it starts in, that is not free."""
+    """Sample the line densely; the first cell after the start cell that is not free decides."""
     points = np.linspace(start, end, 20001)
     cells = np.floor(points).astype(int)
     cols, rows = cells[(cells != cells[0]).any(axis=1)].T
@@ -76,11 +76,10 @@ def test_the_global_tree_stays_in_free_space_and_finds_the_frontier_behind_the_d
     gaps = np.hypot(*(tree.vertices[:, None] - tree.vertices[None]).transpose(2, 0, 1))
     assert gaps[~np.eye(len(gaps), dtype=bool)].min() >= 0.3 - 1e-4
     for k in range(1, len(gaps)):
-        # A step leads there from a vertex before it.
         near = np.flatnonzero(gaps[k, :k] <= eta + 1e-4)
         ends = [((tree.vertices[[other, k]] - grid.origin) / grid.resolution).ravel() for other in near]
         assert any(grid_check(grid.data, *end)[0] == CLEAR for end in ends)
-    # All finds lie along the open side at x = 9.1, from wall to wall.
+    # All frontier points are along the open side at x = 9.1, from wall to wall.
     np.testing.assert_allclose(found[:, 0], 9.125, atol=1e-9)
     assert found[:, 1].min() < -1.5
     assert found[:, 1].max() > 1.5
@@ -91,7 +90,7 @@ def test_the_local_tree_starts_again_at_the_robot_after_a_find():
     local = Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=True)
     assert len(np.concatenate(grown(local, grid, 20, robot=(8.0, 1.0)))) > 20
     np.testing.assert_allclose(local.vertices[0], (8.0, 1.0), atol=1e-5)
-    # A room without a frontier gives it no reason to.
+    # A room without a frontier is no reason to reset the local tree.
     grid.data[42:62, 100:102] = 100
     local = Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=True)
     assert len(np.concatenate(grown(local, grid, 20, robot=(1.0, 1.0)))) == 0
@@ -119,7 +118,7 @@ def test_mean_shift_equals_scikit_learn():
 
 
 def island_map():
-    """Known free space with square holes of unknown of 1 m^2 around (2, 2) and 0.25 m^2 around (8, 2) and (5, 8)."""
+    """Free map with unknown squares of 1 m^2 around (2, 2) and 0.25 m^2 around (8, 2) and (5, 8)."""
     data = np.zeros((200, 200), dtype=np.int8)
     data[30:50, 30:50] = data[35:45, 155:165] = data[155:165, 95:105] = -1
     return OccupancyGrid(data, 0.05, (0.0, 0.0))
@@ -135,7 +134,7 @@ def distances(robots, points):
 @pytest.mark.parametrize(("x", "best"), [(6.0, 1), (5.0, 0), (7.5, 1), (3.0, 0)])
 def test_one_robot_gets_the_point_of_the_greatest_revenue(x, best):
     # R of the islands from (6, 2): 3 * 1 - 4 = -1, 3 * 2 * 0.25 - 2 = -0.5, 3 * 0.25 - 6.1 = -5.3.
-    # At 5.0 the first two lie 3 m away: h doubles both gains.
+    # At 5.0 the first two are 3 m away: h doubles both gains.
     robots, gains = np.array([[x, 2.0]]), np.array([1.0, 0.25, 0.25])
     costs = distances(robots, ISLANDS)
     revenues = 3.0 * np.where(costs[0] <= 3.0, 2.0, 1.0) * gains - costs[0]
@@ -149,12 +148,12 @@ def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
     points = np.array([[2.0, 2.0], [2.1, 2.0], [5.0, 8.0]])
     robots = np.array([[1.5, 2.0], [3.0, 5.0]])
     costs = distances(robots, points)
-    # For the second robot alone the island is worth more than the small one, but not once the first has it.
+    # For the second robot the large island is worth more, unless the first robot has it.
     assert assign(grid, robots[1:], points, costs[1:], RrtParams())[0] in (0, 1)
     first, second = assign(grid, robots, points, costs, RrtParams())
     assert first in (0, 1)
     assert second == 2
-    # With gains that stay, it would go to the island's other point.
+    # Without the discount of gains, it would go to the other point of the large island.
     assert (6.0 * 1.0 - costs[1, 1 - first]) > (3.0 * 0.25 - costs[1, 2])
 
 
@@ -196,7 +195,7 @@ def navigator_at(grid, points, **params):
 def test_candidates_are_the_frontier_cells_nearest_to_the_points():
     rng = np.random.default_rng(5)
     grid = rooms()
-    # The frontier lies along x = 9.05, from wall to wall; what is farther than the bandwidth has none.
+    # The frontier is along x = 9.05, from wall to wall; points farther away than the bandwidth have none.
     points = np.column_stack([rng.uniform(8.0, 10.0, 200), rng.uniform(-1.5, 1.5, 200)])
     navigator = navigator_at(grid, points, bandwidth=0.3)
     cells = navigator.map.grid.centers(np.argwhere(navigator.map.frontier))
@@ -210,7 +209,7 @@ def test_candidates_are_the_frontier_cells_nearest_to_the_points():
 def test_points_in_costly_cells_and_beyond_walls_are_invalid():
     grid = rooms()
     points = np.array([[9.05, 0.0], [9.05, -1.93]])
-    # The second one lies within reach of the wall.
+    # The second point is within the inflation radius of the wall.
     assert len(navigator_at(grid, points).candidates) == 1
     assert len(navigator_at(grid, points, max_cost=99.0).candidates) == 2
     grid.data[42:62, 100:102] = 100
@@ -222,7 +221,7 @@ def test_an_episode_ends_after_patience_without_frontiers_that_can_be_reached(do
     grid, explorer = rooms(), RrtExplorer(RrtParams(patience=250))
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     if door_closes:
-        # The global tree stays behind the door, and finds on.
+        # The global tree stays behind the door, and still finds frontiers.
         for _ in range(20):
             explorer.act(reading_of(), belief_at(0.0, 0.0, grid))
         grid.data[42:62, 100:102] = 100
@@ -236,5 +235,4 @@ def test_an_episode_ends_after_patience_without_frontiers_that_can_be_reached(do
     assert 250 - 20 * door_closes <= steps < 500
     assert explorer.end_reason == "no_reachable_frontier"
     assert (len(explorer.points) > 0) == door_closes
-    # From then on it stands still.
     assert explorer.act(reading_of(), belief) == (0.0, 0.0)

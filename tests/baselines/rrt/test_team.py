@@ -18,10 +18,7 @@ from tests.baselines.oracle.test_cover_planner import world_of
 
 
 def drive(env, seed, grid=None):
-    """Let a team drive for at most 150 s, by the map that it makes or another one.
-
-    Yields the team and the info after each step.
-    """
+    """Let a team drive for at most 150 s with its own map or `grid`; yield the team and the info after each step."""
     _, info = env.reset(seed=seed)
     team = RrtTeam()
     team.reset(env.robot, env.control_period, np.random.default_rng(seed))
@@ -34,18 +31,18 @@ def drive(env, seed, grid=None):
 
 LEFT = [(-2.0, 0.225), (-2.0, 1.0), (-4.0, 1.0), (-4.0, -1.0), (-2.0, -1.0), (-2.0, -0.225)]
 CORRIDOR = world_of(*LEFT, *((-x, -y) for x, y in LEFT), start=(-3.0, 0.0))
-"""Two rooms of 2 m x 2 m, joined by a corridor along x in which two robots cannot pass each other."""
+"""Two rooms of 2 m x 2 m, joined by a corridor along x that is too narrow for two robots to pass."""
 
 
 def known_map(env, targets):
-    """Return the map of a world that is known but for a cell's surroundings at each target (x, y), world frame."""
+    """Map of a world, with unknown cells around each target (x, y), world frame."""
     grid, walls = env.robots[0].belief.grid, env.task.coverage.area.walls
     data = grid.data.copy()
     rows, cols = np.nonzero(data < 0)
     cells = walls.cells(env.map_pose.transform(grid.centers(np.column_stack([rows, cols]))))
     inside = walls.contains(cells)
     data[rows[inside], cols[inside]] = walls.data[tuple(cells[inside].T)]
-    # Looked up from the other side as well, so that thin walls have no holes.
+    # Also sampled from the other side, because thin walls would have holes.
     occupied = walls.centers(np.argwhere(walls.data == OCCUPIED))
     data[tuple(grid.cells(env.map_pose.inverse().transform(occupied)).T)] = OCCUPIED
     for row, col in grid.cells(env.map_pose.inverse().transform(np.array(targets))):
@@ -63,7 +60,6 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
     grid, points = known_map(env, targets), env.map_pose.inverse().transform(np.array(targets))
 
     def assign_far_ends(grid, robots, found, costs, params, taken):
-        """Send each robot to its target at the other end, whatever lies nearer."""
         chosen = np.full(len(robots), UNASSIGNED)
         for k, position in enumerate(robots):
             index = np.argmin([math.dist(position, robot.belief.pose[:2]) for robot in env.robots])

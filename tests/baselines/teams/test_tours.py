@@ -6,12 +6,10 @@ from lidarnaut.baselines.teams.tours import SUM_WEIGHT, min_max_tours
 
 
 def lengths_of(robots, stops):
-    """Straight distances from robots to stops, and between stops."""
     return (np.hypot(*(a[:, None] - stops).transpose(2, 0, 1)) for a in (robots, stops))
 
 
 def totals_of(starts, between, work, tours):
-    """Length of each tour, with the work at its stops."""
     totals = []
     for row, tour in zip(starts, tours, strict=True):
         legs = sum(between[a, b] for a, b in pairwise(tour))
@@ -20,7 +18,6 @@ def totals_of(starts, between, work, tours):
 
 
 def least(starts, between, work):
-    """The least objective over all ways to share out the stops."""
     num, count = starts.shape
     best = np.inf
     for owners in product(range(num), repeat=count):

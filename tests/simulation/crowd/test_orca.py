@@ -1,5 +1,3 @@
-"""ORCA against its definitions and slow solvers."""
-
 import itertools
 import math
 
@@ -23,7 +21,7 @@ def line_of(away, own, other, reach, horizon, dt, share):
 
 
 def least_gap(away, velocity, reach, horizon):
-    """Least distance between two discs within a time [m], of which one moves by a relative velocity."""
+    """Minimum distance between two discs within a time [m]; one disc moves by the relative velocity."""
     time = np.clip(away @ velocity / max(velocity @ velocity, 1e-300), 0.0, horizon)
     return np.hypot(*(away - time * velocity)) - reach
 
@@ -45,7 +43,7 @@ def test_the_line_is_the_smallest_change_to_the_edge_of_the_velocity_obstacle():
         assert least_gap(away, edge, reach, horizon) == pytest.approx(0.0, abs=1e-9)
         assert change @ line[2:] == pytest.approx(0.0, abs=1e-9)
         assert np.hypot(*line[2:]) == pytest.approx(1.0)
-        # No velocity nearer than the edge is on the other side of it; and what lies to the left is allowed.
+        # No velocity closer than the edge is on its other side, and velocities to the left are allowed.
         is_free = least_gap(away, own - other, reach, horizon) > 0.0
         nearer = own - other + 0.999 * np.hypot(*change) * around
         assert all((least_gap(away, velocity, reach, horizon) > 0.0) == is_free for velocity in nearer)
@@ -72,12 +70,11 @@ def random_lines(rng, count, spread):
 
 
 def violations(lines, velocity):
-    """How deep a velocity lies on the forbidden side of each line [m/s]."""
     return lines[:, 2] * (lines[:, 1] - velocity[1]) - lines[:, 3] * (lines[:, 0] - velocity[0])
 
 
 def nearest_allowed(lines, desired):
-    """The nearest of all corners: the desired velocity, its feet on lines and circle, and their intersections."""
+    """Nearest of all corners: the desired velocity, its feet on lines and circle, and their intersections."""
     corners = [desired, desired * min(1.0, LIMIT / np.hypot(*desired))]
     for x, y, ex, ey in lines:
         foot = (desired - (x, y)) @ (ex, ey)
@@ -106,7 +103,7 @@ def test_the_best_velocity_is_that_of_a_search_over_all_corners():
 
 
 def least_violation(lines, num_hard):
-    """Least depth in soft lines, by linear programming with tangents of the circle added where it is left."""
+    """Minimum depth in soft lines, by linear programming; violated parts of the circle are cut by tangents."""
     normals = np.column_stack([lines[:, 3], -lines[:, 2]])  # forbidden side
     limits = (normals * lines[:, :2]).sum(axis=1)
     soft = (np.arange(len(lines)) >= num_hard).astype(float)
@@ -125,7 +122,7 @@ def test_where_no_velocity_is_allowed_the_least_bad_one_is_taken():
     rng, count = np.random.default_rng(2), 0
     while count < 100:
         lines, num_hard = random_lines(rng, 10, 0.6), rng.integers(0, 3)
-        # Hard lines are of walls: they allow to stand still.
+        # Hard lines are walls, and allow zero velocity.
         lines[:num_hard] = random_lines(rng, num_hard, 0.0)
         desired = rng.uniform(-1.0, 1.0, 2)
         if nearest_allowed(lines, desired) is not None:

@@ -1,5 +1,3 @@
-"""Where people end up who want to be in each other, in walls or in robots."""
-
 import numpy as np
 import pytest
 
@@ -41,7 +39,7 @@ def test_walls_are_not_entered():
 
 
 def test_who_finds_no_room_stays():
-    """Two who stand leave a gap that is too narrow, and push with equal strength from both sides."""
+    """Two standing people leave a gap that is too narrow, and push with equal strength from both sides."""
     people, _ = settled([(0.0, 2.0), (1.0, 2.0), (0.5, 2.4)], [(0.0, 2.0), (1.0, 2.0), (0.5, 2.0)], kinds=[2, 2, 0])
     np.testing.assert_array_equal(people[2, :2], (0.5, 2.4))
 

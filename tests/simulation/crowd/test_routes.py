@@ -1,5 +1,3 @@
-"""Which way people walk."""
-
 import heapq
 import math
 
@@ -23,7 +21,7 @@ from tests.rooms import make_room
 
 
 def shortest(slowness, source):
-    """Cost-to-go by Dijkstra with straight, diagonal and knight's moves; at most 3 % more than the way needs."""
+    """Cost-to-go by Dijkstra with straight, diagonal and knight's moves; at most 3 % above the exact cost."""
     moves = [(a, b) for a in range(-2, 3) for b in range(-2, 3) if math.gcd(a, b) == 1]
     costs, queue = {source: 0.0}, [(0.0, source)]
     while queue:
@@ -104,7 +102,7 @@ def test_who_arrives_takes_the_next_goal_by_its_own_draws():
     routes = plan_routes(HALL, 0.3, "anywhere")
     goals, directions = [0], np.zeros((1, 2))
     assert (routes.points[:, 2] == NEXT_BY_DRAW).all()
-    points = np.vstack([np.zeros((2, 3)), routes.points])  # two points of fixed routes before them
+    points = np.vstack([np.zeros((2, 3)), routes.points])  # two points of fixed routes come first
     for trip in range(100):
         people = people_at(*routes.points[goals[-1], :2], goals[-1] + 2)
         people[0, at.TRIP] = trip

@@ -1,5 +1,3 @@
-"""The social force model against a slow reference, another implementation and measured crowds."""
-
 import math
 
 import numpy as np
@@ -25,7 +23,6 @@ NO_ROBOTS = np.empty((0, 5))
 
 
 def reference(people, directions, robots, walls, model):
-    """Accelerations person by person, from all others, all robots and all obstacles."""
 
     def push(offset, touching, ahead, sideways):
         distance = np.hypot(*offset)
@@ -97,7 +94,7 @@ def test_forces_are_those_of_pysocialforce():
 
     `DesiredForce`, `max_speeds` set to 1.3; `ObstacleForce` with factor 10, sigma 0.2, threshold 3 and the agents'
     radius of 0.35 m, for a point at (0.5, 1.0); and the gradient of `PedPedPotential(0.0, v0=2.1, sigma=0.3)` (forward
-    differences over 1 mm), which does not know radii:
+    differences over 1 mm), which has no radii:
 
         simulator = pysocialforce.Simulator(state, obstacles=[(0.5, 0.61, 1.0, 1.0)])
         force = pysocialforce.forces.DesiredForce(); force.init(simulator, simulator.config); force.get_force()
@@ -126,9 +123,9 @@ def test_forces_are_those_of_pysocialforce():
         (-0.374762997, -2.190225529),
     ]
     np.testing.assert_allclose(forces(), goal, atol=1e-8)
-    obstacle = [(-0.096105973, -0.192211947), (0.506899229, -0.88707365)]  # who is within 0.9 m, or little farther
+    obstacle = [(-0.096105973, -0.192211947), (0.506899229, -0.88707365)]  # persons within 0.9 m, or slightly farther
     np.testing.assert_allclose((forces(wall_strength=10.0, wall_reach=0.2) - forces())[:2], obstacle, atol=1e-8)
-    # V0 / sigma = 7 m/s2 at a distance of 0, which is e^(-0.7 / 0.3) of it where radii touch.
+    # V0 / sigma = 7 m/s2 at a distance of 0, scaled by e^(-0.7 / 0.3) if radii touch.
     others = [
         (-0.41785498, 0.347349241),
         (0.146602138, 0.352654345),
@@ -141,7 +138,7 @@ def test_forces_are_those_of_pysocialforce():
 
 @njit
 def mean_speed(people, walls, model, periods, first, dt):
-    """Let people walk around a ring; return their mean speed around it from a period on [m/s]."""
+    """Let people walk around a ring; return their mean speed along the ring from period `first` on [m/s]."""
     count, total = people.shape[0], 0.0
     directions, starts = np.empty((count, 2)), np.empty((count, 2))
     for period in range(periods):
@@ -186,7 +183,7 @@ def test_speed_falls_with_density_as_measured():
 def lane_order(rows):
     """Rex and Loewen, "Influence of hydrodynamic interactions on lane formation" (2008): mean of ((n - m) / (n + m))^2.
 
-    Of those at most 0.5 m beside a person's line, n walk to the same end as the person, and m to the other.
+    Of the people at most 0.5 m to the side of a person's line, n walk in the same direction, and m in the opposite one.
     """
     beside = np.abs(rows[:, at.Y, None] - rows[:, at.Y]) < 0.5
     same = (beside & (rows[:, at.GOAL, None] == rows[:, at.GOAL])).sum(axis=1)

@@ -1,5 +1,3 @@
-"""People who walk in worlds, by either model."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -103,7 +101,7 @@ def test_people_walk_from_end_to_end_or_from_side_to_side(model):
 
 
 def test_the_fast_and_thin_do_not_get_through_walls():
-    """At 6 m/s they would be on the other side of a wall before they touch it."""
+    """At 6 m/s they would cross a wall before the first contact."""
     halves = make_room(-2, -2, 2, 2, [(0, -2, 0, 2)], spawn=Pose2D(-1.0, 0.0, 0.0))
     people = begin(halves, Crowd(number=8, speed=(5.0, 5.0), radius=(0.1, 0.1)))
     for _ in range(20):

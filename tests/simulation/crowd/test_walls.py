@@ -1,5 +1,3 @@
-"""What is near people, and what pushes them out of it."""
-
 import math
 
 import numpy as np

@@ -69,7 +69,6 @@ def test_a_scan_that_fits_does_not_end_a_loss_but_several_that_are_searched_do()
     slam = gmapping(noise=TIGHT, min_travel_angle=0.3)
     drive(slam, CIRCLE, CIRCLE)
     pose, before, resampled = slam.belief.pose, slam.belief.grid.data.copy(), slam.num_resamplings
-    # Key scans by their turns.
     turns = [Pose2D(0.0, 0.0, 0.7 if k % 2 else -0.7) for k in range(6)]
     lost = [slam.update(see(STAY, walls=ELSEWHERE), turn).is_lost for turn in turns]
     assert lost == [False, False, True, True, True, True]

@@ -1,5 +1,3 @@
-"""Matching on tiles, proposals and resampling, against the matcher on one array and against sampled poses."""
-
 import math
 
 import numpy as np
@@ -76,7 +74,7 @@ def test_known_score_by_hand():
 
 
 def test_mode_covariance_and_weight_are_those_of_the_posterior():
-    """Against the posterior summed over a grid of poses (Grisetti et al., 2007, equations 14 to 19)."""
+    """Compared with the posterior summed over a grid of poses (Grisetti et al., 2007, equations 14 to 19)."""
     tiles, _ = make_maps(1)
     points, count = hits(POSES[1], tiles)
     k, stds = 1.0, (0.02, 0.02, 0.02)
@@ -107,7 +105,7 @@ def test_mode_covariance_and_weight_are_those_of_the_posterior():
 def test_a_scan_that_fits_nothing_leaves_the_motion_model():
     tiles, _ = make_maps(1)
     points = np.zeros((2, 60), dtype=np.float32)
-    points[0] = 8.0  # all hits in free space
+    points[0] = 8.0
     params = MatcherParams.of(GMappingParams())
     out, motion = Proposals.make(1), Pose2D(0.2, 0.1, 0.3)
     propose(tiles.maps, np.zeros((1, 3)), tuple(motion), tuple(motion), (0.001, 0.002), points, 60, params, out)
@@ -115,7 +113,7 @@ def test_a_scan_that_fits_nothing_leaves_the_motion_model():
     np.testing.assert_allclose(out.modes[0], motion, atol=1e-12)
     np.testing.assert_allclose(np.sqrt(np.diag(out.covariances[0])), [0.001, 0.001, 0.002])
     squares = evaluate(tile_map(tiles), 0, points, 60, *tiles.to_cells(0.2, 0.1), 0.3).squares
-    np.testing.assert_allclose(out.log_likelihoods[0], -squares)  # 2 k is 1
+    np.testing.assert_allclose(out.log_likelihoods[0], -squares)  # 2 k = 1
 
 
 def test_poses_are_drawn_with_the_covariance():

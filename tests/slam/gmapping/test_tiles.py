@@ -1,5 +1,3 @@
-"""Maps that share tiles, against maps that are copied as a whole."""
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,6 @@ def test_maps_that_share_tiles_equal_maps_that_are_copied(skip_exceeding):
     ours = ParticleMaps(params, LIDAR)
 
     def replayed(scans):
-        """A map of its own of a particle's scans."""
         plain = LogOddsMap(HectorParams(skip_exceeding=skip_exceeding, **SHARED), LIDAR)
         for ranges, pose in scans:
             plain.integrate(ranges, pose)
@@ -51,7 +48,7 @@ def test_maps_that_share_tiles_equal_maps_that_are_copied(skip_exceeding):
             for level in range(3):
                 expected = cut(plain.levels[level], plain.corner, level)
                 assert cut(ours.occupancy(p, level), ours.corner, level) == expected
-    assert ours.grid.data.shape[1] > 64  # it had to grow
+    assert ours.grid.data.shape[1] > 64  # the map has grown
 
 
 def test_the_grid_follows_the_particle_that_is_rendered():

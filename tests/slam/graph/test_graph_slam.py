@@ -24,7 +24,7 @@ HALL = np.concatenate(
         rectangle(7.4, 8.2, 7.8, 8.7),
     ]
 )
-"""A corridor around a block, with boxes on its outer wall, shape (24, 4) [m]."""
+"""Corridor around a block, with boxes on its outer wall, shape (24, 4) [m]."""
 LIDAR = LidarParams(num_beams=120, range_max=6.0)
 STAY = Pose2D(0.0, 0.0, 0.0)
 NOTHING = np.full(120, np.inf, dtype=np.float32)
@@ -37,25 +37,22 @@ BLIND = GraphSlamParams(
     residual_variance=1e9,
     retry_below=0.0,
 )
-"""Params with which poses follow odometry, and loop closures alone correct them."""
+"""Parameters with poses from odometry, corrected only by loop closures."""
 
 
 def laps(count, step=0.25):
-    """Return poses along laps around the block."""
     corners = np.array([(1.5, 1.6), (10.0, 1.6), (10.0, 7.4), (1.5, 7.4)])
     poses = []
     for k in range(4 * count):
         start, end = corners[k % 4], corners[(k + 1) % 4]
         heading, far = math.atan2(*(end - start)[::-1]), np.hypot(*(end - start))
         poses += [Pose2D(*(start + (end - start) * s / far), heading) for s in np.arange(0.0, far - 0.3, step)]
-        # Turn on the spot.
         poses += [Pose2D(*end, heading + turn) for turn in (0.4, 0.8, 1.2)]
     return poses
 
 
 @pytest.fixture(scope="module")
 def drive():
-    """Return true poses in the frame of the start, ranges and motions by odometry, for two laps."""
     poses, rng = laps(2), np.random.default_rng(0)
     ranges = [scan(pose, rng, walls=HALL, lidar=LIDAR) for pose in poses]
     motions = [STAY]
@@ -116,12 +113,12 @@ def test_a_corrected_map_replaces_the_live_one_when_it_is_complete(drive):
     grid = slam.belief.grid
     slam, _ = run(drive, watch=watch)
     assert sum(redrawn for _, redrawn, _ in seen) >= 2
-    assert grid is not slam.belief.grid  # another object's; that of this one stays the same
+    assert grid is not slam.belief.grid
     kept = slam.belief.grid
     slam.finish()
     assert slam.belief.grid is kept is slam.map.grid
     first = next(k for k, (_, redrawn, _) in enumerate(seen) if redrawn)
-    # While some 80 nodes are rendered, 120,000 cells at each scan, the live map goes on.
+    # During the rendering of about 80 nodes, 120,000 cells at each scan, the live map is updated.
     assert [is_rendering for _, _, is_rendering in seen[first - 4 : first + 1]] == [True] * 4 + [False]
     assert seen[first][0] is not seen[first - 1][0]
 
@@ -153,7 +150,7 @@ def test_the_pose_graph_names_submaps_and_nodes(drive):
     first, second, motion, information = graph.edges[k]
     found = Pose2D(*graph.nodes[first]).between(Pose2D(*graph.nodes[second]))
     np.testing.assert_allclose(found, motion, atol=0.2)
-    # Information in the frame of the node: turned back into that of the submap it is what the graph has.
+    # Information in the node's frame: rotated into the submap's frame, it is equal to the graph's information.
     turn = np.array(Pose2D(0.0, 0.0, motion[2]).transform(np.eye(2))).T
     np.testing.assert_allclose(turn @ information[:2, :2] @ turn.T, constraints.information[k, :2, :2], rtol=1e-9)
 
@@ -173,7 +170,7 @@ def test_covariance_of_a_node_grows_with_odometry_and_shrinks_with_the_match():
     sigma_xy, sigma_theta = 0.005 + 0.03 * 0.3, 0.005 + 0.03 * 0.3
     assert free[2, 2] == pytest.approx(5 * 10 * sigma_theta**2 + 0.008**2)
     assert free[0, 0] == pytest.approx(5 * 10 * sigma_xy**2 + 0.03**2)
-    # Headings err before the robot drives on: sum of squared levers 0.3 m to 2.7 m.
+    # Heading errors before the robot drives on: sum of squared levers 0.3 m to 2.7 m.
     levers = sum((0.3 * k) ** 2 for k in range(1, 10))
     assert free[1, 1] == pytest.approx(5 * (10 * sigma_xy**2 + levers * sigma_theta**2) + 0.03**2)
 

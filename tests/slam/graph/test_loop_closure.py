@@ -15,7 +15,7 @@ def test_windows_grow_with_the_path_up_to_a_limit():
 
 
 def loop(node, before, shift):
-    """Return a loop closure that moves a node by a correction of the map as a whole."""
+    """Return a loop closure that moves a node by a correction of the whole map."""
     before = Pose2D(*before)
     return Loop(node, 0, Pose2D(0, 0, 0), np.eye(3), before, Pose2D(*shift).compose(before))
 
@@ -31,7 +31,7 @@ def test_small_corrections_are_taken_at_once_and_large_ones_wait_for_a_second_on
     confirmation = Confirmation()
     assert [confirmation.add(each) for each in (first, same_node, other)] == [[], [], []]
     assert confirmation.add(second) == [first, second]
-    # Turned otherwise it does not agree, and neither does it after too many nodes.
+    # Closures disagree if they differ in heading, or after too many nodes.
     confirmation = Confirmation()
     assert confirmation.add(first) == []
     turned = second._replace(after=second.after._replace(theta=second.after.theta + 0.06))
@@ -92,7 +92,7 @@ def test_submaps_hold_nodes_that_follow_one_another():
 
 
 def test_points_of_recent_nodes_are_joined_one_per_cell():
-    # The first two nodes see what the last one sees at its right, and the second one something far ahead.
+    # The first two nodes see the objects to the right of the last node, and the second also a distant point ahead.
     poses = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, np.pi / 2)]
     scans = [(np.nan, np.nan, 2.03, np.nan), (np.nan, np.nan, 1.04, 30.0), (np.nan, 1.03, 0.5, np.nan)]
     store = store_of(poses, scans)

@@ -7,7 +7,7 @@ from lidarnaut.envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers,
 
 PHI = 9.0
 SPACING, TURN = 20, 40
-"""Nodes from one submap to the next, and nodes that a submap takes."""
+"""Number of nodes between submap starts, and number of nodes of a submap."""
 SIGMAS = np.array([0.03, 0.03, 0.008])
 """Noise of constraints [m, m, rad]."""
 DRIFT = np.array([0.005, 0.005, 0.004])
@@ -15,7 +15,7 @@ DRIFT = np.array([0.005, 0.005, 0.004])
 
 
 def make_graph(num_nodes, num_loops, num_outliers, rng):
-    """Return a graph of laps of an oval whose poses have drifted, and the true poses of its nodes."""
+    """Return a graph of laps of an oval with drifted poses, and the true poses of its nodes."""
     truth = [Pose2D(0.0, 0.0, 0.0)]
     for k in range(num_nodes - 1):
         truth.append(truth[-1].compose(Pose2D(0.2, 0.0, np.pi / 20 if k % 100 >= 80 else 0.0)))
@@ -69,7 +69,6 @@ def random_graph(seed, num_outliers=0):
 
 
 def reference(graph, phi):
-    """Return poses of submaps and nodes by SciPy, from where they are."""
     submaps, nodes, constraints = graph.arrays
     num_submaps = len(submaps)
 
@@ -117,7 +116,6 @@ def test_loops_take_out_drift_despite_outliers():
     _, robust, arrays = errors(40, PHI)
     assert robust < clean + 0.03
     assert errors(40, np.inf)[1] > 0.5
-    # What is left of the outliers is dropped, and nothing else.
     assert drop_outliers(arrays, 54.0) == 40
     assert not arrays.constraints.is_active[-40:].any()
     assert arrays.constraints.is_active[:-40].all()
@@ -150,7 +148,7 @@ def test_what_nothing_determines_stays():
     assert optimise(graph.arrays, PHI, 5, 1e-4) == 1
     for pose in ([0.0, 0.0, 0.0], [3.0, 1.0, 0.5], [7.0, 0.0, 0.0]):
         graph.add_submap(pose)
-    graph.add_node([1.0, 0.0, 0.0])  # without a constraint
+    graph.add_node([1.0, 0.0, 0.0])
     graph.add_node([2.0, 0.0, 0.1])
     graph.add_constraint(1, 0, [2.0, 0.0, 0.0], 0.01 * np.eye(3))
     graph.add_constraint(1, 1, [-1.0, -0.5, 0.0], 0.01 * np.eye(3))

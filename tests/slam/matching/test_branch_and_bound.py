@@ -14,7 +14,6 @@ ABOVE = 50
 
 
 def brute_force(field, points, pose, window):
-    """Score every pose of the grid; return the best one, and the score."""
     cells = np.where(field.occupancy > ABOVE, field.occupancy, 0).astype(int)
     reach, turns = round(window.half_width / field.resolution), int(window.half_angle / window.angle_step + 1e-9)
     best = None
@@ -37,7 +36,7 @@ def brute_force(field, points, pose, window):
 
 
 def random_field(rng, shape, levels):
-    """Return a random field with few values, so that many poses score the same."""
+    """Return a random field with few values, for many poses with equal scores."""
     values = np.array(levels, dtype=np.int8)
     return Field(values[rng.integers(0, len(values), shape)], -1.0, 0.4, 0.1)
 
@@ -56,12 +55,12 @@ def test_result_equals_brute_force_ties_included(seed):
     assert found.is_complete
     assert found.score == score
     np.testing.assert_allclose(found.pose, expected, atol=1e-9)
-    # Without what is near the best, another one is found: at least as far away, and not better.
+    # With the surroundings of the best pose excluded, a distant pose of at most the same score is found.
     other = search(pyramid, points, pose, window, 0.0, NO_LIMIT, (*found.pose, 0.35, 0.05))
     apart = math.dist(other.pose[:2], found.pose[:2]) > 0.35 or abs(other.pose.theta - found.pose.theta) > 0.05
     assert apart
     assert other.score <= score
-    # The score itself is still found, and nothing above it.
+    # The threshold itself is still found, but no score above it.
     assert search(pyramid, points, pose, window, score, NO_LIMIT).pose == found.pose
     missed = search(pyramid, points, pose, window, score + 1e-6, NO_LIMIT)
     assert missed.pose is None
@@ -85,7 +84,6 @@ def test_a_robot_finds_its_pose_in_a_room_with_few_evaluations(room):
     assert abs(found.pose.theta - truth.theta) <= window.angle_step
     poses = 61 * 61 * (2 * int(0.35 / window.angle_step) + 1)
     assert found.evaluations < 0.03 * poses
-    # In a window without the true pose nothing scores enough.
     missed = search(pyramid, points, predicted, window._replace(half_width=0.4), 0.7, NO_LIMIT)
     assert missed.pose is None
     assert missed.score == 0.0

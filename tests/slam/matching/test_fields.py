@@ -39,15 +39,15 @@ def test_beams_are_asked_for_the_walls_that_they_pass_through():
     occupancy = np.full((40, 40), -1, dtype=np.int8)
     occupancy[:, :30] = 0
     occupancy[:, 20] = 90
-    # Four beams from (1, 1): along x at the wall, 0.5 m away, and along y, where there is none.
+    # Four beams from (1, 1): along x to the wall, 0.5 m away, and along y, without a wall.
     angles = np.array([0.0, 0.0, 0.0, 0.5 * math.pi, -0.5 * math.pi])
     geometry = ScanGeometry(np.array([np.cos(angles), np.sin(angles)]), 0.1, 0.0, 3.0, 1.0)
     field, pose = Field(occupancy, 0.0, 0.0, 0.05), (0.45, 1.0, 0.0)
     at_wall, just_behind, through, no_return, ignored = 0.47, 0.7, 0.9, np.inf, np.nan
     for ranges, expected in (
         ([at_wall] * 3 + [0.8, 0.8], (0, 5)),
-        ([just_behind, through, through, 0.2, ignored], (2, 3)),  # shorter than what is left out at the end, ignored
-        ([no_return, through, ignored, no_return, 0.8], (2, 3)),  # no return clears its way, of which little is known
+        ([just_behind, through, through, 0.2, ignored], (2, 3)),  # shorter than the omitted end, ignored
+        ([no_return, through, ignored, no_return, 0.8], (2, 3)),  # no return clears its ray, mostly in unknown cells
     ):
         assert count_crossings(field, np.array(ranges, dtype=np.float32), geometry, pose) == expected
 
@@ -84,7 +84,7 @@ def test_hits_are_counted_by_what_they_fall_on():
     ("shares", "accepted"),
     [
         (HitShares(0.7, 0.9, 0.05), True),
-        (HitShares(0.39, 0.9, 0.05), False),  # beside the walls
+        (HitShares(0.39, 0.9, 0.05), False),  # misses the walls
         (HitShares(0.6, 0.45, 0.0), False),  # most is unknown
         (HitShares(0.6, 0.8, 0.16), False),  # too many in free space
         (HitShares(0.51, 0.52, 0.14), True),

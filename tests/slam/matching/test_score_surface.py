@@ -28,7 +28,7 @@ def test_scores_equal_the_slow_reference():
     points = visible_points(FLAT, (2.0, 1.5, 0.2), 240, 10.0)
     scores = surface_scores(pyramid, points, pose, 0.6)
     assert scores.shape == (5, 13, 13)
-    margin = 200  # as far as points leave the field
+    margin = 200  # maximum distance of points outside of the field
     field = np.pad(pyramid.levels[0].astype(int), margin)
     for turn in (-1, 0, 1):
         c, s = math.cos(pose[2] + turn * 0.02), math.sin(pose[2] + turn * 0.02)
