@@ -13,7 +13,7 @@ NO_CELLS = np.empty((0, 2), dtype=np.int32)
 
 
 class Correction(NamedTuple):
-    """Displacement of a map, for example by a loop closure, given as past robot poses before and after."""
+    """Displacement of map points by a loop closure, given as past robot poses before and after the correction."""
 
     before: np.ndarray
     """Past robot poses in the old map: shape (n, 3), float64 [m, m, rad]."""
@@ -21,7 +21,7 @@ class Correction(NamedTuple):
     """Past robot poses in the corrected map: shape (n, 3), float64 [m, m, rad]."""
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """Return map points moved with the nearest past pose to the corrected map: shape (k, 2), float64 [m]."""
+        """Return points of the old map, each moved with the nearest past robot pose: shape (k, 2), float64 [m]."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if len(self.before) == 0 or len(points) == 0:
             return points.copy()

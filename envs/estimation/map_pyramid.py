@@ -34,11 +34,11 @@ def _add_columns(lines, sums):
 
 @njit(cache=True, error_model="numpy")
 def pool_cells(data, window, block, level):
-    """Pool map cells into blocks, inside a window (rectangle) of changed cells.
+    """Summarize square blocks of map cells for a pyramid level, inside a window (rectangle) of changed cells.
 
     `data`: occupancy [percent], shape (height, width), int8; `block`: side of a block [cells], a power of two up to
-    `LARGEST_POOLED`; `level`: output, shape (n + 1,), uint16: one word per block, and 0 for outside. A word holds the
-    fraction of free cells times 255, and flags for occupied and visited.
+    `LARGEST_POOLED`; `level`: output, shape (n + 1,), uint16: for each block, the fraction of free cells times 255, and
+    bits for occupied and visited; the last value is 0, for outside.
     """
     level_width = (data.shape[1] + block - 1) // block
     first, last = window.col // block, (window.col + window.width - 1) // block + 1
@@ -57,7 +57,6 @@ def pool_cells(data, window, block, level):
 
 @njit(cache=True, error_model="numpy")
 def _pool_blocks(finer, height, width, window, level):
-    """Pool 4 x 4 blocks into one, inside a window (rectangle) of changed blocks."""
     level_width = (width + _POOL - 1) // _POOL
     for i in range(window.row // _POOL, (window.row + window.height - 1) // _POOL + 1):
         for j in range(window.col // _POOL, (window.col + window.width - 1) // _POOL + 1):
@@ -73,11 +72,11 @@ def _pool_blocks(finer, height, width, window, level):
 
 @njit(cache=True, error_model="numpy")
 def crop_level(level, height, width, x, y, theta, pixel, crop):
-    """Crop a pooled map around the robot: axis 1 of `crop` points forward, axis 2 to the left.
+    """Crop a pyramid level around the robot: axis 1 of `crop` points forward, axis 2 to the left.
 
-    `level`: words of the blocks, see `pool_cells`; `x`, `y`, `theta`: robot pose relative to the map's corner [blocks,
-    blocks, rad]; `pixel`: side of a pixel [blocks]; `crop`: output, shape (3, size, size), uint8: occupied (255),
-    fraction of free cells times 255, visited (255).
+    `level`: block values from `pool_cells`; `x`, `y`, `theta`: robot pose relative to the map's corner [blocks, blocks,
+    rad]; `pixel`: side of a pixel [blocks]; `crop`: output, shape (3, size, size), uint8: occupied (255), fraction of
+    free cells times 255, visited (255).
     """
     size = crop.shape[1]
     c, s = np.float32(math.cos(theta) * pixel), np.float32(math.sin(theta) * pixel)
@@ -102,10 +101,10 @@ def crop_level(level, height, width, x, y, theta, pixel, crop):
 
 
 class Level:
-    """Map pooled into blocks of one size."""
+    """Level of a map pyramid: the map divided into square blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Create a map with blocks of side `block` [cells], pooled from the map `finer`, or from map cells if None."""
+        """Create a level with blocks of side `block` [cells], computed from the level `finer` or from map cells."""
         self.block, self.finer = block, finer
         self.is_stale = True
         self.pending = NO_WINDOW
@@ -130,7 +129,7 @@ class Level:
 
 
 class MapPyramid:
-    """Map pooled into blocks of several sizes on demand."""
+    """Pyramid of an occupancy map, for map crops at several resolutions. Levels are computed on demand."""
 
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
         self.grid, self._data, self._trails = grid, grid.data, trails
@@ -154,7 +153,7 @@ class MapPyramid:
                 level.mark(col, row)
 
     def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
-        """Crop the map around a pose (map frame) into `out`, with pixels of side `pixel` [m].
+        """Write a square map crop around a pose (map frame) to `out`, with pixels of side `pixel` [m].
 
         `out`: shape (3, size, size), uint8: occupied, free, visited.
         """
@@ -165,7 +164,7 @@ class MapPyramid:
         crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
 
     def level(self, pixel: float) -> Level:
-        """Return the updated pooled map with the block side nearest to `pixel` [m]."""
+        """Return the up-to-date pyramid level whose block side is nearest to `pixel` [m]."""
         level = self._level_of_pixel.get(pixel)
         if level is None:
             block = 2 ** max(round(math.log2(pixel / self.grid.resolution)), 0)

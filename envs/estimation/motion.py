@@ -57,7 +57,7 @@ class WheelMotion:
         self._ticks = reading.ticks
 
     def update(self, reading: Reading) -> Pose2D:
-        """Return the base pose relative to the base pose at the last reading."""
+        """Return the base pose relative to the base pose at the last sensor reading, from wheel encoder counts."""
         return Pose2D(*wheel_motion(*self._counts(reading), self._metres_per_tick, self._track))
 
     def _counts(self, reading: Reading) -> tuple[int, int]:

@@ -15,16 +15,17 @@ CLUSTER_SIZE = 6
 BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
 """Kinds of clusters: a person's body, a leg, a piece of a wall or other surface, a partly visible body."""
 PASSED, HIDDEN, HIT = 1, 0, -1
-"""Results of a free-space test of a disc: beams pass the disc, the disc is occluded, or a beam ends at the disc."""
+"""Results of a free-space test of a disc (outline of a person): beams pass through the disc, the disc is occluded, or a
+beam ends at the disc."""
 CORE_SHARE = 0.8
-"""Fraction of a disc's radius tested for free space, as walls may be close to people."""
+"""Inner fraction of a person's radius that is tested for free space, as walls may be close to people."""
 MAX_PART_SHARE = 0.75
-"""Clusters below this fraction of a body's radius are partly visible bodies."""
+"""Clusters with a radius below this fraction of a body's radius are taken for partly visible bodies."""
 BODY_RADIUS, MAX_FLAT_RATIO, MIN_FLAT_SIZE, MIN_FLAT_BEAMS = 0.3, 0.27, 0.25, 8
-"""Test for flat clusters: assumed radius of a body [m]; maximum mean distance of points from the chord, divided by the
-height of a body's arc; minimum length [m]; minimum number of points."""
+"""Criteria for flat clusters, such as pieces of walls: radius of a body for comparison [m]; maximum ratio of the
+cluster's depth to the depth of a body's arc; minimum width [m]; minimum number of beams."""
 ARC_DEPTH = 0.785
-"""Distance from the mean visible point of a disc to the disc's centre, divided by the radius."""
+"""The centre of a disc lies this fraction of its radius behind the mean of its visible points."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -73,9 +74,9 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
 
 @njit(cache=True, error_model="numpy")
 def find_clusters(ranges, directions, p, clusters):
-    """Split a scan at range jumps, write person-sized clusters, and return their number.
+    """Split a scan at large gaps between neighbouring points, write person-sized clusters, and return their number.
 
-    Threshold of Borges and Aldon, "Line extraction in 2D range images for mobile robotics" (2004), equation 3.
+    Threshold for gaps: Borges and Aldon, "Line extraction in 2D range images for mobile robotics" (2004), equation 3.
     `clusters`: output, shape (n, CLUSTER_SIZE), float64.
     """
     num_beams, start = ranges.shape[0], 0
@@ -128,7 +129,7 @@ def join_legs(clusters, count, p):
 
 @njit(cache=True, error_model="numpy")
 def look_at_disc(scan, pose, x, y, radius, margin, p):
-    """Test a disc for free space with a scan; return `PASSED`, `HIT` or `HIDDEN` (occluded).
+    """Test whether a scan shows free space in a disc; return `PASSED` (free), `HIT` or `HIDDEN` (occluded).
 
     `pose`: lidar pose (x, y, theta), frame of the disc; `margin`: range tolerance [m].
     """

@@ -43,7 +43,7 @@ class TrackerParams:
     """Parameters of people tracking, tuned in simulations unless a source is given."""
 
     max_range: float = 8.0
-    """Maximum distance of clusters from the lidar [m]."""
+    """Clusters farther from the lidar are ignored [m]."""
     jump: float = 0.08
     """Constant part of the minimum gap that splits a cluster [m]. `jump_angle` adds a part proportional to range."""
     jump_angle: float = 0.35
@@ -52,11 +52,11 @@ class TrackerParams:
     max_size: float = 0.8
     """Maximum extent of a person [m]."""
     leg_size: float = 0.25
-    """Maximum extent of a leg [m]."""
+    """Clusters narrower than this are taken for legs [m]."""
     step: float = 0.65
     """Maximum distance between the legs of a person [m]."""
     body_radius: float = 0.0
-    """Assumed radius of a partly occluded body, to locate its centre [m]; 0 to disable."""
+    """Radius assumed for a partly occluded body, to estimate the position of its centre [m]; 0 to disable."""
     min_beams: int = 3
     """Minimum number of beams of a cluster that starts a track."""
     margin: float = 0.1
@@ -64,7 +64,7 @@ class TrackerParams:
     drift: float = 0.01
     """Growth of `margin` with the age of a stored scan, for odometry drift [m/s]."""
     slope: float = 0.4
-    """Maximum decrease in range between neighbouring beams on one surface [m]."""
+    """A cluster is part of a wall if the range of a neighbouring beam is shorter by less than this [m]."""
     memory: float = 16.0
     """Duration of the scan history [s]."""
     interval: float = 1.0
@@ -83,21 +83,21 @@ class TrackerParams:
     min_hits: int = 4
     """Minimum number of matched clusters to confirm a track as a person."""
     min_travel: float = 0.3
-    """Minimum distance of a track from its start to confirm a person [m]."""
+    """Minimum distance of a track from its start point for confirmation as a person [m]."""
     min_speed: float = 0.2
-    """Minimum speed of a track to confirm a person [m/s]."""
+    """Minimum speed of a track for confirmation as a person [m/s]."""
     hidden_travel: float = math.inf
-    """Minimum distance of a track from its start to confirm a person never seen in free space [m]."""
+    """Minimum distance from the start point to confirm a track that no scan shows in free space [m]."""
     significance: float = 2.0
-    """Minimum ratio of speed to its standard deviation to confirm a person."""
+    """A track is confirmed only if its speed exceeds the speed's standard deviation by this factor."""
     max_std: float = 0.35
     """Maximum standard deviation of a reported person's position along an axis [m]."""
     stood_hits: int = 1
-    """Minimum number of stored scans with an obstacle at a body-sized cluster to treat the cluster as static."""
+    """A body-sized cluster counts as static if this number of stored scans show an obstacle at its position."""
     static_hits: int = 12
-    """Minimum number of stored scans with an obstacle at a person-sized cluster to add the cluster to the map."""
+    """A person-sized cluster is added to the map if this number of stored scans show an obstacle at its position."""
     max_misses: int = 4
-    """Number of scans with free space at a track before the track is deleted."""
+    """A track is deleted after this number of scans that show free space at its position."""
     lost_time: float = 3.0
     """Time after which an occluded person is deleted [s]. Unconfirmed tracks are deleted after a sixth of the time."""
 
@@ -105,7 +105,6 @@ class TrackerParams:
 _OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range_max", "is_full_turn", "jump_gain")
 _OWN = tuple(field.name for field in fields(TrackerParams))
 TrackerNumbers = namedtuple("TrackerNumbers", [*_OF_LIDAR, *_OWN])  # type: ignore[misc]
-"""Lidar and tracker parameters as floats, for compiled functions."""
 
 
 def num_kept_scans(params: TrackerParams) -> int:
@@ -162,11 +161,7 @@ def _votes(x, y, radius, time, scans, poses, num_scans, p):
 
 @njit(cache=True, error_model="numpy")
 def _match(tracks, num_tracks, clusters, count, moved, matches, p):
-    """Match tracks to clusters greedily, nearest pair first; return the mask of matched clusters.
-
-    `matches`: output, cluster index of each track or -1; `moved`: -1 for static clusters, which fast tracks do not
-    match.
-    """
+    """Match tracks to clusters greedily, nearest pair first; return the mask of matched clusters."""
     pairs, distances, num_pairs = np.empty((MAX_CLUSTERS, 2), dtype=np.int64), np.empty(MAX_CLUSTERS), 0
     for i in range(num_tracks):
         track = tracks[i]
@@ -215,11 +210,10 @@ def _judge(track, ranges, lidar, p):
 
 @njit(cache=True, error_model="numpy")
 def track_people(ranges, directions, motion, period, state, tracks, memory, clusters, p):
-    """Update all tracks of people with a scan.
+    """Update all tracks of people with a lidar scan, in place.
 
-    `motion`: base pose relative to the last scan, by odometry; `period`: time since the last scan [s]; `memory`: stored
-    scans, shape (n, num_beams), float32 [m], and lidar poses (x, y, theta, time), shape (n, 4). Arrays are updated in
-    place.
+    `motion`: base pose relative to the last scan, by odometry; `period`: time since the last scan [s]; `memory`: ring
+    buffers of the last n scans, shape (n, num_beams), float32 [m], and lidar poses (x, y, theta, time), shape (n, 4).
     """
     scans, poses = memory
     x, y, theta = compose(state[0], state[1], state[2], motion[0], motion[1], motion[2])
@@ -353,7 +347,7 @@ class PeopleTracker:
 
     @property
     def tracks(self) -> np.ndarray:
-        """View of all tracks: shape (n, TRACK_SIZE), float64, columns `X` to `ON_FREE`."""
+        """View of the track array, one row per track: shape (n, TRACK_SIZE), float64, columns see `X`."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
     def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, doubt: int = TRACKED) -> np.ndarray:

@@ -22,7 +22,7 @@ def printable(text: object) -> str:
 def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
     """Return a message about an unknown name, with the closest match and the allowed names.
 
-    `shown` replaces the name.
+    `shown`: text that replaces the name.
     """
     allowed = list(allowed)
     parts = [one for one in allowed if len(name) > 2 and name in one]
@@ -69,9 +69,10 @@ def _is_imported(value: Any, module: str) -> bool:
 
 
 def resolve(value: Any, table: Mapping[str, Entry], what: str, *, files: bool = False) -> Entry | Any:
-    """Return the table entry of a name, or import `module:attribute`; return other objects unchanged.
+    """Return the object with a given name: an entry of `table`, or the imported `module:attribute`.
 
-    `what`: kind of object, for messages; `files=True`: return the path of a YAML file as a `Path`.
+    Other objects are returned unchanged. `what`: kind of object, for messages; `files=True`: return the path of a YAML
+    file as a `Path`.
 
     Raises:
         ValueError: the name is unknown, or the import failed.

@@ -96,7 +96,7 @@ def sweep(folder: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Add `path` to operating system errors that name no file (context manager)."""
+    """Context manager that adds `path` to operating system errors without a file name."""
     try:
         yield
     except OSError as error:

@@ -23,7 +23,7 @@ from . import reach_kernels as own_at
 AHEAD = 0.8
 """Default lookahead distance [m]."""
 MAX_DESCENT = 6.0
-"""Length of the shortest path searched for the farthest visible point [m]."""
+"""Length of the shortest path, from the robot, searched for the farthest point in its line of sight [m]."""
 CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
 """Parameters of goal navigation without a limit of recovery behaviors or searches."""
 
@@ -32,8 +32,8 @@ CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, sea
 def find_carrot(own, x, y, lengths, ahead):
     """Return the lookahead point (x, y) on the shortest path to the goal, world frame [m].
 
-    The point lies `ahead` [m] from (x, y), toward the farthest path cell with a collision-free straight line. `own`:
-    state array of the task; `lengths`: geodesic distances of cells to the goal [m].
+    The point lies `ahead` [m] from the robot at (x, y), towards the farthest path cell that a free straight line
+    reaches. `own`: state array of the task; `lengths`: geodesic distances of cells to the goal [m].
     """
     if own[own_at.LEFT] <= ahead:
         return own[own_at.TRUE_X], own[own_at.TRUE_Y]
@@ -71,9 +71,9 @@ def _is_free(x, y, to_x, to_y, lengths):
 
 @njit(cache=True, error_model="numpy")
 def write_carrots(rows, owns, lengths, ahead, active, out):
-    """Write direction (cosine, sine) and relative distance of lookahead points to `out`: shape (n, 3), float32.
+    """Write observations of lookahead points: cosine and sine of the direction, and path length to the goal.
 
-    `active`: environments to process.
+    The length is divided by `ahead` [m], at most 1. `active`: mask of environments; `out`: shape (n, 3), float32.
     """
     for k in range(rows.shape[0]):
         if active[k]:
@@ -90,14 +90,12 @@ class PlannedCarrot:
     """
 
     def __init__(self, task: Any, ahead: float) -> None:
-        """Set task and lookahead distance [m]; ValueError if the distance is not positive."""
         check_positive(ahead=ahead)
         self._task, self._ahead = task, float(ahead)
         self._reading: Reading | None = None
         self._navigator: GoalNavigator
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return the observation space `Box(-1, 1, (3,), float32)`."""
         return spaces.Box(-1.0, 1.0, (3,), np.float32)
 
     def reset(self, robot: Robot) -> None:
@@ -127,7 +125,7 @@ class ShortestCarrot(PlannedCarrot):
     uses_ground_truth = True
 
     def reset(self, robot: Robot) -> None:
-        """Do nothing."""
+        """Do nothing: no state is kept."""
 
     def write(self, robot: Robot, out: np.ndarray, truth: GroundTruth) -> None:  # type: ignore[override]
         rows = truth._rows

@@ -1,5 +1,3 @@
-"""Coverage of the explorable area, and map accuracy."""
-
 import math
 from typing import NamedTuple
 
@@ -17,7 +15,7 @@ EXPLORABLE, KNOWN, SEEN = 1, 2, 4
 """Bits of a cell of the world's raster: explorable, known in the map, observed from the true pose."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
 TOLERANCE = 2.0
-"""Maximum distance of observed points from a beam [raster cells]."""
+"""A point counts as observed within this distance of a beam [raster cells]."""
 
 
 class Frame(NamedTuple):
@@ -46,10 +44,7 @@ class TrueScan(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def sees(scan, x, y, tolerance):
-    """Return True if a beam within `tolerance` [m] of a point (x, y), world frame [m], reaches the point.
-
-    The beams on both sides of the point count if less than two tolerances apart.
-    """
+    """Return True if a scan observes a point: a beam within `tolerance` [m] of (x, y), world frame, reaches it."""
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
     if distance > scan.range_max + tolerance:
@@ -79,11 +74,11 @@ def sees(scan, x, y, tolerance):
 
 @njit(cache=True, error_model="numpy")
 def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pending):
-    """Mark the world's cells under new map cells as known, and as explored if a scan observes them.
+    """Mark raster cells of the world under new map cells as known, or as explored if a scan observes them.
 
     `new_cells`: map cells (row, column), shape (k, 2), int32; `start`: pose of the map frame, world frame; `cells`:
-    bits of the world's cells, shape (height, width), uint8; `pending`: `num_pending` known cells (row, column) not yet
-    observed, shape (n, 2), int32. Returns the number of newly explored cells, and the new `num_pending`.
+    bits of the raster cells, shape (height, width), uint8; `pending`: list of `num_pending` known cells (row, column)
+    not yet observed, shape (n, 2), int32. Returns the number of newly explored cells, and the new `num_pending`.
     """
     height, width = cells.shape
     # affine transform from map cells to raster cells
@@ -117,7 +112,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
 
 @njit(cache=True, error_model="numpy")
 def mark_seen(cells, frame, scan, pending, num_pending):
-    """Mark known cells in `pending` that a scan observes as explored."""
+    """Mark known cells that a scan observes as explored, and remove them from `pending`."""
     tolerance = TOLERANCE * frame.resolution
     count = kept = 0
     for k in range(num_pending):

@@ -1,5 +1,3 @@
-"""Exploration: map an unknown world."""
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +20,7 @@ from .coverage import Coverage, map_iou
 from .starts import UnknownWorldTask
 
 HOME_RADIUS = 0.3
-"""Distance to the start that counts as returned [m]."""
+"""The robot has returned within this distance of its start [m]."""
 MAX_ROBOTS = 4
 """Maximum number of robots in a team."""
 
@@ -110,10 +108,7 @@ class Explore(UnknownWorldTask):
 
     @property
     def rests_between_scans(self) -> bool:  # type: ignore[override]
-        """Whether `update` can be skipped without a new scan.
-
-        False with `return_home=True` and in user subclasses.
-        """
+        """True if `update` may be skipped in control periods without a new scan."""
         return type(self) in (Explore, ExploreTeam) and not self.return_home
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
@@ -125,7 +120,6 @@ class Explore(UnknownWorldTask):
             self.measures = (*EXPLORATION, *RETURN)  # type: ignore[assignment,misc]
             self.weights = {**self.weights, "returned": 10.0}
         self.is_returning = False
-        """Whether the robot has to return to its start now."""
         super().attach(robot, control_period, physics)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:

@@ -64,7 +64,7 @@ class GoalTask(WorldTask):
         return self.set_goal(goal)  # type: ignore[arg-type]
 
     def set_goal(self, goal: Sequence[float]) -> float:
-        """Set a goal, (x, y, theta) or (x, y), map frame, and return the usual time limit [s].
+        """Set a goal, (x, y, theta) or (x, y), map frame, and return a time limit for it [s].
 
         Raises:
             ValueError: the goal is not finite or not reachable.
@@ -91,7 +91,7 @@ class GoalTask(WorldTask):
 
     @abstractmethod
     def _measure_path(self) -> float:
-        """Compute and return the shortest path length to a new goal [m]."""
+        """Compute and return the length of the shortest path to the current goal [m]."""
 
     def _usual_time(self, length: float) -> float:
         """Return the usual time limit [s] for a path length [m]: four times the time at maximum speed, plus 30 s."""
@@ -126,7 +126,7 @@ class GeodesicDistance:
     """True shortest path length to a goal around static obstacles."""
 
     def __init__(self, area: ExplorableArea, goal: Pose2D, pooled: int = 1) -> None:
-        """Compute distances to a goal, world frame, on blocks of `pooled` x `pooled` cells.
+        """Compute the distances of all cells to a goal, world frame; `pooled` x `pooled` raster cells form one cell.
 
         Raises:
             ValueError: the robot cannot reach the goal.
@@ -135,7 +135,7 @@ class GeodesicDistance:
             raise ValueError(f"goal {tuple(goal)} (world frame) is not reachable by the robot")
         costmap = _free_space(area, pooled)
         self.grid = costmap.grid
-        """Grid of the distance field: 0 is free, 100 is occupied."""
+        """Occupancy grid on which the geodesic distance is computed: 0 is free, 100 is occupied."""
         field = travel_field(costmap, goal[:2], cost_weight=0.0)
         assert field is not None
         self._field: TravelField = field

@@ -1,5 +1,3 @@
-"""Task of navigation on a known map."""
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

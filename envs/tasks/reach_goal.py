@@ -1,5 +1,3 @@
-"""Task of reaching a goal in an unknown world."""
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +28,8 @@ from .starts import UnknownWorldTask
 CELL = 0.1
 """Approximate cell size of the geodesic distance field [m]."""
 AIM_RANGE, AIM_STEP = 2.0, 0.5
-"""Distance to an aim point if only the goal's bearing is known, and displacement that updates the aim point [m]."""
+"""If only the goal's bearing is known: distance of the robot's aim point in this direction, and displacement that
+updates it [m]."""
 BENCHMARK_LIMIT = 100.0
 """Time limit in BARN benchmark worlds [s]."""
 BARN_SPEED = 2.0
@@ -164,7 +163,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         return super().reset(simulator, robots, rng, options)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal for controllers, map frame: the goal, or an aim point if only the bearing is known."""
+        """Return the goal for controllers, map frame, or an aim point towards the goal if only its bearing is known."""
         if self.goal_given == "pose":
             return self.goal
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)

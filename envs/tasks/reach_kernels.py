@@ -14,36 +14,34 @@ from lidarnaut.envs.transition import BY_ROBOT
 GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
 """Indices in the task's state array: goal (x, y) in the map frame and in the world frame [m]."""
 TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
-"""Indices in the task's state array: goal tolerance [m], 1 if contact ends the episode, origin and cell size of the
-distance field [m], initial geodesic distance [m]."""
+"""Indices in the task's state array: goal tolerance [m]; 1 if contact ends the episode; origin (x, y) and cell size of
+the grid of geodesic distances [m]; geodesic distance from start to goal [m]."""
 PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
-"""Indices in the task's state array: progress [m], duration [s], collision, closeness to obstacles and closeness to
-people in the last control period."""
+"""Indices in the task's state array of reward terms of the last control period: decrease of the geodesic distance [m],
+duration [s], collision, closeness to obstacles, closeness to people."""
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
-"""Indices in the task's state array: end reason, straight and geodesic distance to the goal [m], driven fraction, 1 at
-the goal."""
+"""Indices in the task's state array: end reason; straight and geodesic distance to the goal [m]; driven fraction of the
+initial geodesic distance; 1 if the goal is reached."""
 MOVED_AT, JERK, LAST_V, LAST_ACC = range(20, 24)
 """Indices in the task's state array: time of first motion [s], summed absolute jerk [m/s3], last commanded forward
 speed [m/s] and acceleration [m/s2]."""
 SIZE = 24
 END_REASONS = (None, "reached", "wall", "person")
-"""Reasons for the end of an episode, by index."""
 AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
 NEAR_PERSON = 0.5
 """Gap between robot and person below which the reward decreases [m]."""
 NEAR_OBSTACLE = 0.15
 """Gap between robot and obstacles below which the reward decreases [m]."""
 MOVED = 0.1
-"""Driven length that starts the clock of the BARN benchmark's metric [m]."""
+"""Driven length after which the clock of the BARN benchmark starts [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def measure_goal(row, own, lengths):
-    """Update distances to the goal, driven fraction and success in the task's state array `own`.
+    """Update distances to the goal, driven fraction of the path, and success in the task's state array `own`.
 
-    `row`: simulation state of the robot; `lengths`: geodesic distances of raster cells, shape (height, width), float32
-    [m], inf outside free space. The distance is the minimum over neighbouring cells plus the straight line to their
-    centre; if all are inf, the last value stays.
+    `row`: state of the simulated robot; `lengths`: geodesic distances of raster cells, shape (height, width), float32
+    [m], inf outside free space. Outside free space, the last distance stays.
     """
     x, y = row[at.X], row[at.Y]
     own[DISTANCE] = distance(own[TRUE_X] - x, own[TRUE_Y] - y)
@@ -62,7 +60,7 @@ def measure_goal(row, own, lengths):
 
 @njit(cache=True, error_model="numpy")
 def update_goal(row, own, lengths, segments, circles):
-    """Update the task's state array `own` after a control period.
+    """Update reward terms, metrics and end reason in the task's state array `own` after a control period.
 
     `segments`, shape (n, 4), and `circles`, shape (m, 3), are static obstacles, float64 [m].
     """
@@ -88,9 +86,9 @@ def update_goal(row, own, lengths, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def update_goals(rows, owns, lengths, surroundings, active):
-    """Update the task's state array of each environment with True in `active`.
+    """Update the task's state array of each environment selected by the mask `active`.
 
-    `surroundings`: segments and circles of static obstacles.
+    `surroundings`: segments and circles of static obstacles, by environment.
     """
     for i in range(active.shape[0]):
         if active[i]:

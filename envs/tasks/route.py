@@ -14,7 +14,8 @@ END = 0.1
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
-"""Number of route points searched for the nearest point. A short search keeps the order at crossings."""
+"""Number of route points, from the last nearest point on, that are searched for the next one. A short search avoids
+jumps at crossings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +55,6 @@ class Route:
 
     @property
     def start(self) -> Pose2D:
-        """Pose at the beginning of the route."""
         return Pose2D(float(self.points[0, 0]), float(self.points[0, 1]), float(self.headings[0]))
 
     def seen_from(self, frame: Pose2D) -> "Route":
@@ -64,7 +64,7 @@ class Route:
 
 
 def rectangle(start: Pose2D) -> np.ndarray:
-    """Return the rectangle of Nguyen et al. (2021), 78 m long, counter-clockwise, shape (n, 2), float64 [m].
+    """Return the rectangular route of Nguyen et al. (2021), 78 m long, counter-clockwise, shape (n, 2), float64 [m].
 
     Corners are arcs of 1 m radius. `start`: pose at the beginning of the first long side.
     """
@@ -99,7 +99,7 @@ class Progress:
         return float(route.along[self.index]), float(c * dy - s * dx)
 
     def ahead(self, distances: np.ndarray) -> np.ndarray:
-        """Return the route points `distances` [m] ahead of the nearest point: shape (n, 2).
+        """Return the route points at `distances` [m] ahead of the robot, along the route: shape (n, 2).
 
         Points beyond the end are the last point.
         """
@@ -110,7 +110,7 @@ class Progress:
 def steer(progress: Progress, pose: Pose2D, speed: float, lookahead: float) -> Twist:
     """Return the pure pursuit command (forward speed, yaw rate) for a speed [m/s] and a lookahead distance [m].
 
-    Call `progress.update(pose)` before; `pose` is in the frame of the route.
+    `pose`: base pose, frame of the route; `progress`: already updated with this pose.
     """
     x, y = pose.inverse().transform(progress.ahead(np.array([lookahead])))[0]
     return Twist(speed, speed * 2.0 * y / max(x * x + y * y, 1e-6))

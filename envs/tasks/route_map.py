@@ -22,9 +22,9 @@ PRESET = Path(__file__).parent / "route_map.yaml"
 LOOKAHEAD = 0.6
 """Lookahead distance of pure pursuit in the mapping drive [m]."""
 UPDATE_DISTANCE = 0.2
-"""Distance after which the next scan is mapped [m]."""
+"""The mapping drive adds a scan to the map after this distance [m]."""
 UPDATE_ANGLE = 0.15
-"""Turn after which the next scan is mapped [rad]."""
+"""The mapping drive adds a scan to the map after this turn [rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""World and start poses of an episode."""
+"""Base classes of tasks: choice of world and start poses."""
 
 import math
 from collections.abc import Iterable
@@ -31,7 +31,7 @@ class WorldTask(Task):
     """Base class of tasks with configurable worlds and start poses."""
 
     needs_explorable = True
-    """Whether the area visible to the lidar is computed when a world is drawn."""
+    """True if the task needs the area visible to the lidar, which is computed for each new world."""
     world: Any = "turtlebot3_world"
     """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these to
     draw from."""
@@ -62,7 +62,7 @@ class WorldTask(Task):
 
     @property
     def sampler_ahead(self) -> Any:
-        """Function that samples worlds of later episodes; None if sampling runs user code."""
+        """Function that draws worlds of later episodes in advance; None if this would run user code."""
         is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
         return self._sample if is_own and has_no_effects(self._sample) else None
 
@@ -75,7 +75,7 @@ class WorldTask(Task):
         return drawn
 
     def place(self, world: World, start: Any) -> World:
-        """Return the world reduced to the free map area of the first robot's start."""
+        """Return the world of the free map area around the first robot's given start, if any, otherwise `world`."""
         wanted = self._start if start is None else read_start(start, self.num_robots)
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 
@@ -111,14 +111,14 @@ class UnknownWorldTask(WorldTask):
     """Base class of tasks in an unknown world, mapped by a SLAM in the frame of the first robot's start."""
 
     slam: Any = DEFAULT_SLAM
-    """SLAM by name, or your own; see `lidarnaut.envs.slam.make_slam`."""
+    """SLAM algorithm: a name, object or function, see `lidarnaut.envs.slam.make_slam`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         super().attach(robot, control_period, physics)
         self.uses_true_motion = isinstance(self.slam, str) and self.slam == "truth"
 
     def make_estimator(self) -> Estimator:
-        """Create the SLAM; ValueError if unknown, or unable to share a map in a team."""
+        """Create the SLAM algorithm; ValueError if unknown, or unable to share a map in a team."""
         robot = self.robot
         slam = make_slam(self.slam, robot.lidar, self.map_resolution, odometry_noise=robot.odometry.noise)
         if self.num_robots > 1 and not getattr(slam, "shares_maps", False):
@@ -132,7 +132,7 @@ class UnknownWorldTask(WorldTask):
 
 
 def read_start(start: Any, num_robots: int = 1) -> str | list[Pose2D]:
-    """Check the argument `start`: "random", "spawn", or poses of one or all robots; ValueError otherwise."""
+    """Return the argument `start` after a check: "random", "spawn" or a list of poses; ValueError otherwise."""
     if isinstance(start, str) and start in ("random", "spawn"):
         return start
     poses = [start] if is_pose(start) else list(start) if isinstance(start, Iterable) else []

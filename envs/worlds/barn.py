@@ -11,7 +11,7 @@ from .world import World, edges
 
 BARN_NAMES = tuple(f"barn:{number}" for number in range(300))
 _OPTIMAL_SPEED = 2.0
-"""Robot speed in the optimal times of the BARN benchmark [m/s]."""
+"""Robot speed assumed in the optimal times of the BARN benchmark [m/s]."""
 _WALL_DISTANCE = 5.0
 
 

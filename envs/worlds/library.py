@@ -27,7 +27,7 @@ WorldSampler = Callable[[np.random.Generator], World]
 
 
 def load_world(world: str | Path | World) -> World:
-    """Load a world by name, from a file or as `module:attribute`; check a given `World`.
+    """Load a world by name, from a file or as `module:attribute`; return a given `World` after a check.
 
     Names are those of the library and `barn:0` to `barn:299`. Files are world files or `map_server` YAML files. Results
     are cached until the file changes.

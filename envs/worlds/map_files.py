@@ -28,7 +28,7 @@ SAVED_UNKNOWN = 205
 SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
 """Grey values in images from map_saver, and pure white."""
 SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
-"""Criteria for images from map_saver: grey-value tolerance, minimum fraction of pixels with `SAVED_VALUES`."""
+"""Criteria for images from map_saver: tolerance of grey values, minimum fraction of pixels with `SAVED_VALUES`."""
 MAX_YAW = 1e-6
 """Maximum yaw of a map that counts as not rotated [rad]."""
 IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")
@@ -186,7 +186,6 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
 
 
 def _interpret(grey: np.ndarray, file: MapFile) -> np.ndarray:
-    """Convert grey values (0 to 255) to occupancy: int8 [percent], -1 for unknown."""
     if file.mode == "raw":
         return np.where(grey <= 100, np.rint(grey), UNKNOWN).astype(np.int8)
     occupancy = grey / 255 if file.negate else (255 - grey) / 255

@@ -13,17 +13,15 @@ from .raster import check_world, outline
 from .world import World, kept_with_world
 
 WALL_WIDTH = 0.25
-"""Maximum distance from the border of a free map area to the walls that enclose the area [m]."""
+"""The border of a free map area counts as a wall if an occupied cell is at most this far away [m]."""
 ENCLOSED_SHARE, EDGE_SHARE = 0.5, 0.2
 """Criteria for an enclosed area: minimum fraction of its border along walls, maximum fraction along the map edge."""
 DOOR_WIDTH = 1.2
-"""Maximum width of a door between rooms [m]."""
+"""Openings up to this width count as doors between rooms [m]."""
 MIN_AREA = 1.0
-"""Minimum size of an enclosed area, unless all areas are smaller [m2]."""
+"""Enclosed areas below this size are ignored, unless all areas are smaller [m2]."""
 FREE_SPACE = "in free space of the map"
-"""Phrase in messages for a pose in a free map cell."""
 _PROGRESS_DELAY = 2.0
-"""Delay before a progress bar appears [s]."""
 
 
 def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, source: str = "") -> World:
@@ -98,10 +96,7 @@ def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
 
 
 def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, margin: float = 0.0) -> tuple[int, bool]:
-    """Return the label of the largest enclosed area, or else of the largest area, and whether it is enclosed.
-
-    `labels`: area of each map cell, from 1; `sizes`: of the areas [m2]; `margin`: distance of areas from walls [m].
-    """
+    """Return the label of the largest enclosed area, or else of the largest area, and whether it is enclosed."""
     reach, rim = (math.ceil(min(gap / grid.resolution, max(labels.shape))) for gap in (margin + WALL_WIDTH, margin))
     is_open = ndimage.minimum_filter((grid.data < OCCUPIED_FROM).astype(np.uint8), 2 * reach + 1, mode="nearest")
     kinds = np.full((labels.shape[0] + 2, labels.shape[1] + 2), 2)  # neighbours of an area: 0 open, 1 wall, 2 map edge
@@ -137,7 +132,7 @@ def _areas(world: World) -> np.ndarray:
 
 
 def area_around(world: World, pose: Pose2D) -> World:
-    """Return the world of another free map area if that area contains the pose (cached), otherwise `world`."""
+    """Return the world built from another free map area if that area contains the pose (cached), or else `world`."""
     if world.map is None:
         return world
     labels = _areas(world)
@@ -155,7 +150,7 @@ def _other_area(world: World, label: int) -> World:
 
 @kept_with_world
 def left_out(world: World) -> OccupancyGrid:
-    """Return a grid of a map's known part: 100 for free cells outside the world, 0 elsewhere."""
+    """Return a grid with 100 in free map cells outside the world's area, 0 elsewhere, cropped to the known part."""
     assert world.map is not None
     labels, known = _areas(world), np.argwhere(world.map.data >= 0)
     (row, col), (last_row, last_col) = known.min(axis=0).tolist(), known.max(axis=0).tolist()

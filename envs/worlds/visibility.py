@@ -13,15 +13,14 @@ _HEIGHT, _WIDTH = 8, 128
 """Height and width of a block of cells processed in parallel [cells]. Each byte holds eight cells of a column."""
 _ROWS = 10 * _HEIGHT
 _PROGRESS_DELAY = 2.0
-"""Delay before a progress bar appears [s]."""
 
 
 def visible_from(
     free: np.ndarray, goals: np.ndarray, candidates: np.ndarray, reach: float, name: str = ""
 ) -> np.ndarray:
-    """Return the mask of goal cells, and of candidate cells that see a goal cell within `reach` [cells].
+    """Return the mask of raster cells that are visible from a goal cell within `reach` [cells], and of goal cells.
 
-    Masks: shape (height, width), bool. Goals and candidates are free cells. Blocks of cells are processed in parallel.
+    `free`, `goals`, `candidates`: masks of free cells, goal cells and cells to test, shape (height, width), bool.
     `name`: of the world, for the progress bar.
     """
     height = len(free)
@@ -45,10 +44,7 @@ def visible_from(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _comes_near(free, goals, straight, diagonal, reach):
-    """Return the cells that can reach a goal cell through free cells with at most `reach` straight or diagonal steps.
-
-    Shape (height, width), bool.
-    """
+    """Return the mask of cells with a free path of at most `reach` straight or diagonal steps to a goal cell."""
     height, width = free.shape
     far = np.uint16(2**16 - 2)
     near = np.empty((height, width), dtype=np.bool_)
@@ -78,10 +74,9 @@ def _comes_near(free, goals, straight, diagonal, reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _lines(reach):
-    """Compute lines of sight in all directions.
+    """Compute lines of sight from cell (0, 0) in `NUM_DIRECTIONS` directions.
 
-    Returns slopes (rows, columns), numbers of steps, and cell offsets (row, column) of the steps: shapes
-    (NUM_DIRECTIONS, 2), (NUM_DIRECTIONS,) and (NUM_DIRECTIONS, longest + 1, 2).
+    Returns, for each line, the slope (rows, columns), the number of steps, and the cells (row, column).
     """
     slopes = np.empty((NUM_DIRECTIONS, 2))
     lengths = np.empty(NUM_DIRECTIONS, dtype=np.int64)
@@ -113,10 +108,7 @@ def _pack(mask):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _look(plain, ends, wanted, lengths, lines, first, last, visible):
-    """Set `visible` for cells of `wanted`, in rows `first` to `last`, with a line of sight to a goal cell.
-
-    `plain` (free cells other than goals), `ends` (goals) and `wanted` are masks packed into bytes.
-    """
+    """Set `visible` for cells of the mask `wanted` with a line of sight to a goal cell, in rows `first` to `last`."""
     height, width = visible.shape
     left, alive = np.empty(_WIDTH, dtype=np.uint8), np.empty(_WIDTH, dtype=np.uint8)
     for top in range(first, last, _HEIGHT):

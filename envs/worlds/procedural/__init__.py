@@ -20,7 +20,7 @@ class _Family:
     high: Size
     """Upper limit of random outer sizes (x, y) [m]."""
     radius: float = 0.25
-    """Maximum robot radius without scaling of the world [m]."""
+    """Worlds are scaled up for robots with a larger radius than this [m]."""
 
 
 _FAMILIES = {

@@ -112,7 +112,6 @@ def _march(field, level, links, points):
 
 @njit(cache=True, error_model="numpy")
 def _trace(links, points, tolerance, segments):
-    """Simplify contour loops to line segments within `tolerance` [grid steps]; return the number of segments."""
     count = 0
     loop = np.empty(links.shape[0], dtype=np.int64)
     for start in range(links.shape[0]):
@@ -153,7 +152,7 @@ def _is_straight(points, loop, i, j, n, tolerance):
 
 
 def contour(field: np.ndarray, level: float, tolerance: float) -> np.ndarray:
-    """Return the closed contours of a field as segments (column, row, column, row): shape (n, 4) [grid steps].
+    """Return the closed contour lines of a 2D array as segments (column, row, column, row): shape (n, 4) [grid steps].
 
     `field`: shape (height, width), with border values on one side of `level`; `tolerance`: of simplification [grid
     steps].

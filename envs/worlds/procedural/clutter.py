@@ -24,7 +24,7 @@ _FILL = 0.15, 0.28
 _SMOOTHINGS = 2, 5
 """Minimum and maximum number of smoothing iterations, maximum excluded."""
 _PADDING_ROWS = 8
-"""Number of empty rows added before and behind a field to check for a passage."""
+"""Number of empty cell rows added before and behind the field of cylinders to check that a robot can cross it."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size, difficulty: float | None = None) -> World:

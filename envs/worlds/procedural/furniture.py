@@ -28,7 +28,7 @@ def disc(radius: float) -> Item:
 
 
 def bars(lines: list[Bar], thickness: float, angle: float) -> Item:
-    """Return straight bars, rotated by `angle` [rad]; `lines` and `thickness` in grid cells of 0.05 m."""
+    """Return an obstacle of straight bars, rotated by `angle` [rad]; `lines`, `thickness`: in grid cells of 0.05 m."""
     ends = np.array(lines, dtype=np.float64).reshape(-1, 2, 2)
     ends = ends @ [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]
     low = ends.min(axis=(0, 1)) - thickness

@@ -7,7 +7,7 @@ from ..world import World, box, edges
 from .plan import UNIT, Point, Size, units, with_goals, world_within
 
 _GAP = 1.0
-"""Minimum gap between bodies, and between bodies and walls [m]."""
+"""Minimum gap between obstacles, and between obstacles and walls [m]."""
 _WALL = 0.1
 """Thickness of the outer walls [m]."""
 _END_DISTANCE = 1.0
