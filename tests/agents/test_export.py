@@ -135,7 +135,7 @@ def test_the_metadata_are_enough_to_drive(onnxruntime, tmp_path):
     assert about["robot"]["lidar"]["num_beams"] == robot.lidar.num_beams
     assert about["control_period"] == 0.2
     assert about["inputs"]["scan"].items() >= {"shape": [360], "dtype": "float32", "low": 0.0, "high": 1.0}.items()
-    assert "1 for no return" in about["inputs"]["scan"]["about"]
+    assert "1 is no return" in about["inputs"]["scan"]["about"]
     assert "yaw rate over robot.max_w" in about["action"]["about"]
     assert (about["policy"], about["steps"]) == ("ppo:pretrained/twist", 602_112)
     assert {"torch", "onnx", "lidarnaut"} <= about["versions"].keys()

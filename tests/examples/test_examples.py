@@ -56,9 +56,13 @@ def test_the_quick_start_films_the_pretrained_explorer(load, tmp_path):
     assert film.stat().st_size > 10_000
 
 
-def test_the_quick_start_of_the_readme_explores(capsys):
-    (code,) = re.findall(r"```python\n(.*?)```", (EXAMPLES.parent / "README.md").read_text(), re.DOTALL)
-    exec(code.replace('"human"', "None"), {})
+def test_the_code_of_the_readme_learns_and_explores(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    learn, explore = re.findall(r"```python\n(.*?)```", (EXAMPLES.parent / "README.md").read_text(), re.DOTALL)
+    names = {}
+    exec(learn.replace("50_000", "2_048"), names)
+    assert (tmp_path / "explorer.zip").exists()
+    exec(explore.replace('"human"', "None"), names)
     assert re.search(r"explored (99|100) % in \d+ s", capsys.readouterr().out)
 
 
