@@ -112,7 +112,7 @@ def test_parts_of_any_name_and_kind_and_networks_of_the_library(onnxruntime, tmp
     assert about["inputs"].keys() == parts.keys()
     assert about["inputs"]["quadrant"] == {
         **{"kind": "MultiBinary", "shape": [4], "dtype": "int8", "low": 0.0, "high": 1.0},
-        "about": "Of four numbers, that of the quadrant that the robot heads for is 1.",
+        "about": "One-hot quadrant of the robot's heading.",
     }
     assert about["robot"]["name"] == "sees_around"
 
