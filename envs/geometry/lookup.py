@@ -1,4 +1,4 @@
-"""Array access in Numba functions, with and without compilation.
+"""Array access and record types in Numba functions, also with compilation disabled.
 
 On Intel servers with the Downfall mitigation, compiled gather instructions are slower than the scalar loads of `load`.
 """

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 _ANGLE_PADDING = 1e-3
-"""Angle added at both ends of the interval that an obstacle covers, against approximation errors [rad]."""
+"""Margin for approximation errors in the beam angles of an obstacle's edges [rad]."""
 _TOUCH_TOLERANCE = 1e-9
 """Distance below which a sensor counts as lying on a wall, and all ranges are zero [m]."""
 
@@ -42,9 +42,10 @@ def _polar(x: float, y: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
-    """Find the interval of beams that may hit each wall segment, for a sensor at (x, y).
+    """Find the lidar beams that may hit each wall segment, for a sensor at (x, y).
 
-    `intervals`: output, shape (6, n): start and extent [m], first beam, and number of beams (-1: out of range).
+    `intervals`: output, shape (6, n): segment's start and vector to its end (frame of the first beam) [m], first beam,
+    and number of beams (-1: out of range).
     """
     start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
     first, span = intervals[4], intervals[5]

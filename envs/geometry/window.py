@@ -8,13 +8,9 @@ class Window(NamedTuple):
     """Rectangle of grid cells: rows `row` to `row + height - 1`, columns `col` to `col + width - 1`."""
 
     row: int
-    """First row."""
     col: int
-    """First column."""
     height: int
-    """Number of rows."""
     width: int
-    """Number of columns."""
 
     @classmethod
     def spanning(cls, first: Sequence[int], last: Sequence[int]) -> "Window":
@@ -23,7 +19,7 @@ class Window(NamedTuple):
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """Row and column slices of the rectangle in an array."""
+        """Slices of rows and columns that select the rectangle from a grid array."""
         return slice(self.row, self.row + self.height), slice(self.col, self.col + self.width)
 
     @property
@@ -52,11 +48,10 @@ class Window(NamedTuple):
         return Window(row, col, max(height, 0), max(min(self.col + self.width + cells, shape[1]) - col, 0))
 
     def blocks(self, size: int) -> "Window":
-        """Convert the rectangle to blocks of `size` x `size` cells, including partly covered blocks."""
+        """Return the rectangle of blocks of `size` x `size` cells that cover this rectangle of cells."""
         row, col = self.row // size, self.col // size
         height = (self.row + self.height - 1) // size - row + 1
         return Window(row, col, height, (self.col + self.width - 1) // size - col + 1)
 
 
 NO_WINDOW = Window(0, 0, 0, 0)
-"""Rectangle without cells."""

@@ -19,7 +19,6 @@ from .robot_params import (
 _LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library").glob("*.yaml"))}
 
 ROBOT_NAMES: tuple[str, ...] = tuple(_LIBRARY)
-"""Names of the packaged robots."""
 
 
 def robots() -> tuple[str, ...]:

@@ -16,7 +16,6 @@ MAX_LENGTH = 100.0
 MAX_TILT = 0.35
 """Maximum pitch and roll of a mounted lidar [rad]."""
 MAX_BEAMS = 20_000
-"""Maximum number of beams per scan."""
 
 Positive = Annotated[float, Field(gt=0.0, le=MAX_NUMBER)]
 NotNegative = Annotated[float, Field(ge=0.0, le=MAX_NUMBER)]

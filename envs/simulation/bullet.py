@@ -18,10 +18,9 @@ from .records import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, TOUCHED_PE
 from .simulator import Simulator
 
 GRAVITY = 9.81
-"""Gravitational acceleration [m/s2]."""
 SOLVER_ITERATIONS = 15
 CONTACT_BREAKING = 0.1
-"""Contact breaking distance of PyBullet, divided by the size of the smaller shape."""
+"""Distance above which PyBullet drops a contact point, divided by the size of the smaller shape."""
 
 
 class BulletSimulator(Simulator):
@@ -36,7 +35,6 @@ class BulletSimulator(Simulator):
         self._nearby: NearbyWalls | None = None
         self._people: list[int] = []
         self.is_copy = False
-        """True for the copy of a running simulator, until the copy is reset."""
         self.set_robot(robot)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:

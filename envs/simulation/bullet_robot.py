@@ -26,7 +26,6 @@ _PLATE_HEIGHT = 0.01
 _WHEEL_INERTIA_RATIO = 0.25
 """Moment of inertia of a wheel with motor, divided by body mass times squared wheel radius."""
 _OTHER_BODY, _NORMAL_FORCE = 2, 9
-"""Indices in a contact point of PyBullet: id of the other body, and normal force."""
 _LIFT_HEIGHT = 1e3
 """Height of a robot that is lifted out of contact at a reset [m]."""
 _MIN_COS_TILT = math.cos(math.radians(20.0))
@@ -34,7 +33,7 @@ _MIN_COS_TILT = math.cos(math.radians(20.0))
 _MAX_PENETRATION = 0.01
 """Tolerated penetration of a wall into the body, in addition to the travel during a physics step [m]."""
 _MAX_PENETRATION_RATIO = 0.25
-"""Upper limit of the tolerated wall penetration, divided by half the size of the body."""
+"""Maximum tolerated wall penetration, divided by half the body's length or width."""
 
 
 def build_robot(bullet: BulletClient, robot: RobotParams) -> int:

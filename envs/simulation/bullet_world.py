@@ -21,7 +21,6 @@ _MESH_RECTANGLES = 30_000
 _MAX_RECTANGLES = 100_000
 """Number of wall rectangles above which only walls near the robots are created."""
 _RECTANGLES_PER_CIRCLE = 32
-"""Estimated number of rectangles that approximate a circular obstacle."""
 _REBUILD_DISTANCE = 2.0
 """Distance that a robot moves before nearby walls are updated [m]."""
 
@@ -150,7 +149,10 @@ class NearbyWalls:
         self._centers: np.ndarray | None = None
 
     def follow(self, positions: np.ndarray) -> None:
-        """Update nearby walls if a robot has moved far. `positions`: (x, y) of the robots, shape (n, 2) [m]."""
+        """Replace the walls in PyBullet by the walls near the robots, if a robot has moved far.
+
+        `positions`: (x, y) of the robots, shape (n, 2) [m].
+        """
         if self._centers is not None and np.hypot(*(positions - self._centers).T).max() <= _REBUILD_DISTANCE:
             return
         self._centers = positions.copy()

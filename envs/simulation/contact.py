@@ -158,9 +158,8 @@ class Contact(NamedTuple):
     """Contact between a robot and an object during a control period."""
 
     robot: int
-    """Index of the robot."""
     kind: Kind
-    """Touched object: "wall", "cylinder", "person" or "robot"."""
+    """Kind of the touched object: "wall", "cylinder", "person" or "robot"."""
     which: int
     """Index of the touched object in `World.segments`, `World.circles`, `Simulator.people` or among the robots."""
     by: Literal["robot", "other"] = "robot"
@@ -176,7 +175,7 @@ def approach(row, x, y):
 
 @njit(cache=True, error_model="numpy")
 def drove_into(row, person):
-    """Return True if a robot caused contact with a person by approaching faster."""
+    """Return True if a robot caused contact with a person, by approaching faster than the person."""
     dx, dy = person[crowd_at.X] - row[X], person[crowd_at.Y] - row[Y]
     closing = -(person[crowd_at.VX] * dx + person[crowd_at.VY] * dy) / max(math.hypot(dx, dy), 1e-9)
     return approach(row, person[crowd_at.X], person[crowd_at.Y]) > max(closing, person[crowd_at.BLOCKED], FAULT_SPEED)

@@ -66,35 +66,34 @@ Encoder counts, gyroscope yaw rate [rad/s], compass heading [rad], and contact. 
 or robot, 2 plus index for a person."""
 TOUCHED_PERSON = 2
 STEPS, TIME, DRAW, COMMAND_V, COMMAND_W = range(16, 21)
-"""Columns of a robot's state vector: control periods and time [s] since the reset, index of current random numbers, and
-commanded twist [m/s, rad/s]."""
+"""Columns of a robot's state vector: number of control periods and time [s] since the reset, index of the control
+period in the sampled noise, and commanded twist [m/s, rad/s]."""
 LAST_X, LAST_Y, LAST_THETA, LAST_LEFT, LAST_RIGHT, LAST_TOUCHED = range(21, 27)
 """Columns of a robot's state vector: true pose, encoder counts and contact of the previous control period."""
 ODOMETRY, MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = 27, 30, *range(33, 37)
-"""First columns of odometry in a robot's state vector.
+"""Columns of a robot's state vector with odometry.
 
-Last motion (x, y, theta) by odometry and as received by the estimator, estimated twist [m/s, rad/s], and gyroscope bias
-estimate with variance."""
+First columns of the last motion (x, y, theta), as measured and as given to the pose estimator; estimated twist [m/s,
+rad/s], and gyroscope bias estimate with variance."""
 POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
-"""First columns of poses in a robot's state vector.
+"""First columns of poses and path points in a robot's state vector.
 
-Estimated pose and pose of the last key scan (scan that is matched and integrated) in the map frame, pose of the map
-frame in the world, and last points of the estimated and true paths."""
+Estimated pose, and pose of the last key scan (scan that is matched and integrated), in the map frame; pose of the map
+frame in the world; last points (x, y) of the estimated and true paths."""
 PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
 """Columns of a robot's state vector: driven distance [m], number of collisions, last action, and bit flags of pending
-updates."""
+work (scan to process, path points to store)."""
 PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
-"""Columns about people in a robot's state vector.
+"""Columns of a robot's state vector with contacts and distances to people.
 
 Present and smallest gap to people [m], smallest time to collision [s], time in personal space [s], cause of the present
 contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and caused by people."""
 MOTION_SETTINGS, ROBOT = 63, 70
 """First columns of the odometry settings and the robot parameters in a robot's state vector."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
-"""Column of the control period [s] in a robot's state vector."""
 ROW_SIZE = ROBOT + RECORD_SIZE
 SENSED = np.ones(ROW_SIZE)
-"""Mask of a robot's state vector, shape (ROW_SIZE,), float64: NaN for ground truth, 1 for measurable columns."""
+"""Factors that hide ground truth in a robot's state vector, shape (ROW_SIZE,), float64: NaN if hidden, else 1."""
 SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
 SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, MOTION_SETTINGS), *range(ROBOT, PERIOD), PERIOD + 1]] = (
     np.nan

@@ -69,7 +69,7 @@ class Rows:
         self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
         """Lidar ranges, shape (num_robots, num_beams), float32 [m]."""
         self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
-        """Random numbers, shape (num_robots, BLOCK, n), float64.
+        """Random numbers for motion and sensor noise, shape (num_robots, BLOCK, n), float64: n per control period.
 
         Standard normal numbers for wheel slip, gyroscope, compass and each beam. With lidar dropout, uniform numbers in
         [0, 1) per beam follow."""
@@ -79,7 +79,7 @@ class Rows:
         self.reset()
 
     def remember(self, name: Hashable, size: int, dtype: Any = np.float64) -> np.ndarray:
-        """Return a named array for data of a task or observation, shape (num_robots, size), initially zero."""
+        """Return the array `name` of a task or observation, shape (num_robots, size), initially zero."""
         if name not in self.memory:
             self.memory[name] = np.zeros((len(self.numbers), size), dtype)
         return self.memory[name]
@@ -136,7 +136,7 @@ class Rows:
     def share(
         self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray, memory: Mapping[Hashable, np.ndarray]
     ) -> None:
-        """Move all data into parts of larger arrays that many environments share."""
+        """Move all arrays into slices of larger arrays, which hold the robots of many environments."""
         for key, kept in memory.items():
             kept[...] = self.memory[key]
         self.memory = {**self.memory, **memory}

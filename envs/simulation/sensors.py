@@ -12,7 +12,7 @@ from lidarnaut.envs.geometry.rows import write_row
 from . import records as at
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
-"""Indices of normal random numbers in a control period: slip of both wheels, gyroscope, compass. Numbers of lidar beams
+"""Indices in the normal random numbers of a control period: slip of both wheels, gyroscope, compass. Lidar beams
 follow."""
 OTHER_NORMALS = 4
 

@@ -20,7 +20,7 @@ from .memory import SCALARS, Arrays, Records
 OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
 """Keys of `info` that are common to all tasks."""
 MOST_POSITIONS = 256
-"""Number of positions buffered per robot before recorded paths are extended."""
+"""Maximum number of positions buffered per robot before they are appended to recorded paths."""
 
 
 @njit(cache=True)
@@ -45,14 +45,12 @@ class Batch:
         self._envs, self._arrays = envs, arrays
         env = envs[0]
         self.robots = [robot for each in envs for robot in each.robots]
-        """Robots of all sub-environments, ordered by environment."""
         self._num_robots, self._limits = len(env.robots), np.array([env.robot.max_v, env.robot.max_w])
         rows = [each.rows for each in envs]
         self.numbers, self.ranges, self._draws = (
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
         self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
-        """Arrays with data of tasks and observations by name, one row per robot."""
         self.active = np.ones(len(self.robots), dtype=np.bool_)
         """Mask of robots that moved in the current control period, shape (n,), bool."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
@@ -70,10 +68,10 @@ class Batch:
         self._names: Iterable[str] = ()  # names of reward quantities
         self._levels: dict[float, Any] = {}
         self.surroundings: Any = None
-        """Numba list with walls, circles and people of each sub-environment."""
+        """Numba list of the wall segments, circular obstacles and people of each sub-environment."""
 
     def bind(self, indices: Sequence[int]) -> None:
-        """Take over states, worlds and time limits of sub-environments after a reset."""
+        """Move the data of sub-environments into shared arrays after a reset, and read their worlds and time limits."""
         envs, num_robots = self._envs, self._num_robots
         if self.surroundings is None:
             self.surroundings = repeat(_surroundings(envs[0]), len(envs))
@@ -102,8 +100,8 @@ class Batch:
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
         """Step the active sub-environments, and return the mask of ended episodes.
 
-        Writes rewards and `info` of episodes that continue. `LidarEnv.outcome` completes ended episodes. `is_last`
-        marks sub-environments that this step truncates. Masks have shape (num_envs,), bool.
+        Writes rewards and `info` of episodes that continue; the caller completes the ended ones. `is_last`:
+        sub-environments to truncate after this step. Masks have shape (num_envs,), bool.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
@@ -136,7 +134,7 @@ class Batch:
         return is_over
 
     def catch_up(self) -> None:
-        """Update the Python objects of sub-environments that only Numba functions have stepped."""
+        """Update the Python objects of sub-environments from the arrays of Numba functions."""
         self._finish(np.flatnonzero(self._is_behind).tolist())
         self._is_behind[:] = False
 
@@ -180,7 +178,7 @@ class Batch:
         self._is_new[:] = False
 
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
-        """Return downscaled maps of all robots for image crops with pixels of side `resolution` [m].
+        """Return maps of all robots, downscaled to cells of about `resolution` [m], to crop map images from.
 
         Bit-packed maps; rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m]; cell side [m].
         """

@@ -67,7 +67,7 @@ class Absent:
 
 
 SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, int, np.float64, np.float32, np.int64)}
-"""NumPy type codes of scalars in structured arrays, without `np.bool_`, which Gymnasium puts in object arrays."""
+"""NumPy type codes of scalars that structured arrays store. Gymnasium puts `np.bool_` in object arrays."""
 
 
 def kind_of(value: Any) -> Any:

@@ -34,7 +34,7 @@ class Shard:
         autoreset_mode: AutoresetMode,
         max_episode_steps: int | None,
     ) -> None:
-        """Create the sub-environments. `share`: rows of the shared arrays for this process."""
+        """Create the sub-environments. `share`: rows of this process in the shared arrays."""
         self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]
         for env in self._inner:  # separate spaces would each store pixel bounds
@@ -68,7 +68,7 @@ class Shard:
         return np.where(mask, rows, np.zeros_like(rows)), self._records.extras
 
     def fix_kinds(self, kinds: Sequence[tuple[str, Any]]) -> None:
-        """Set the types of `info` entries after the first reset."""
+        """Set the `info` entries (name, type) that a structured array stores."""
         first, self._records = self._records.extras, Records(len(self.envs), kinds)
         for i, info in first.items():
             self._records.note(i, info)

@@ -22,7 +22,6 @@ from .shard import Shard
 from .workers import Worker
 
 MAX_ENVS = 100_000
-"""Maximum number of sub-environments."""
 
 
 class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
@@ -283,7 +282,7 @@ def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None,
 
 
 def make_vec(id: str, num_envs: int = 1, *, wrappers: Sequence[Callable[[Any], Any]] = (), **arguments: Any) -> Any:
-    """Create a vector environment by `gymnasium.make_vec`. `wrappers`: wrappers of each sub-environment."""
+    """Create a vector environment as `gymnasium.make_vec` does, with `wrappers` around each sub-environment."""
     if wrappers:
         arguments["env_wrappers"] = wrappers
     return gymnasium.make_vec(id, num_envs, **arguments)

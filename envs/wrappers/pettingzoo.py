@@ -71,7 +71,7 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Start an episode. `options`: `world` and `start`.
+        """Start an episode. `options`: `world` and `start` poses of this episode.
 
         Unknown options are ignored, as PettingZoo's API test requires.
         """
@@ -139,7 +139,7 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self.agents = []
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start an episode. `options`: `world` and `start`."""
+        """Start an episode. `options`: `world` and `start` poses of this episode."""
         known = {name: value for name, value in read_options(options).items() if name in OPTIONS}
         observation, info = self.env.reset(seed=seed, options=known)
         self.agents = list(self.possible_agents)
@@ -149,7 +149,7 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self._take(observation, info, terminated=False, truncated=False)
 
     def step(self, action: Any) -> None:
-        """Apply the selected agent's action (index of a frontier), and drive until the next decision.
+        """Send the selected agent's robot to a frontier (index), and drive all robots until one needs a new frontier.
 
         Raises:
             ValueError: the action is not an integer from 0 to `max_candidates` - 1, or not None after the end.

@@ -15,7 +15,7 @@ _ROUNDS = 6
 MAX_SPEED_RATIO = 1.5
 """Maximum speed of a pushed person, divided by the desired speed."""
 STOP_GAP = 1e-4
-"""Gap between a person and the robot that stopped the person [m]."""
+"""Gap between person and robot when a person stops at a robot [m]."""
 _TOLERANCE = 2e-6
 """Overlap of a person with a wall that is ignored [m]."""
 

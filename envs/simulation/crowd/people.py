@@ -14,19 +14,19 @@ from .routes import plan_routes
 
 
 class People:
-    """Simulated people: first people on the fixed routes of a world, then a crowd that is sampled per episode."""
+    """Simulated people: people on the fixed routes of a world, then a crowd placed at random in each episode."""
 
     def __init__(self, crowd: Crowd | None = None) -> None:
         self.crowd = crowd
         self.rows = np.empty((0, at.PERSON_SIZE))
         """State vectors of the people, shape (n, PERSON_SIZE), float64; columns: see module `person_row`."""
         self.points = np.empty((0, 3))
-        """Destinations, shape (k, 3), float64: x, y in the world frame [m], and the row of the following destination or
-        -1 (random)."""
+        """Destinations, shape (k, 3), float64: x, y in the world frame [m], and index of the next destination or -1
+        (random)."""
         self.fields = np.empty((0, 0, 0), dtype=np.float32)
         """Cost-to-go from each grid cell to each destination of the crowd, shape (k, height, width), float32 [m]."""
         self.setup = np.zeros(at.WALLS)
-        """Parameters of the pedestrian model and static obstacles, packed into shape (k,), float64."""
+        """Parameters of the pedestrian model and static obstacles in one flat array, shape (k,), float64."""
 
     def reset(self, world: World, poses: Sequence[Pose2D], radius: float, rng: np.random.Generator | None) -> None:
         """Place people at the start of an episode.

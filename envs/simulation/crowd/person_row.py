@@ -10,7 +10,8 @@ DRAWS, NUM_DRAWS = 13, 64
 """First column and number of random numbers, uniform in [0, 1), that decide a person's destinations."""
 PERSON_SIZE = DRAWS + NUM_DRAWS
 ATTENTIVE, BLIND, STANDING, FIXED_ROUTE = range(4)
-"""Kinds of people: avoiding robots, ignoring robots, standing, and on a fixed route. All kinds stop at robots."""
+"""Kinds of people: avoiding robots, not avoiding robots, standing, and on a fixed route. All stop when they reach a
+robot."""
 ORCA, LEGS, ORIGIN_X, ORIGIN_Y, ROWS, COLS, MODEL, WALLS = *range(7), 16
-"""Indices in `People.setup`: flags of the ORCA model and of legs, origin, rows and columns of the obstacle grid, and
-first indices of pedestrian parameters and of obstacles."""
+"""Indices in `People.setup`: whether ORCA and legs are used; origin, rows and columns of the obstacle grid; first model
+parameter; first entry of `Walls.near`."""

@@ -17,41 +17,40 @@ from .walls import WALL_RANGE, Walls, clearance, list_walls
 RESOLUTION = 0.15
 """Cell size of pedestrian cost-to-go fields [m]."""
 NUM_DESTINATIONS = 8
-"""Number of destinations if people walk anywhere in the world."""
+"""Number of destinations of a crowd with `flow="anywhere"`."""
 STRIP_WIDTH = 0.5
-"""Width of the destination strips along the sides of a world [m]."""
+"""Maximum width of the strips at the sides of a world that people walk to, with `flow="along"` or `"across"` [m]."""
 ARRIVAL_DISTANCE = 0.5
 """Cost-to-go below which a person has reached the destination [m]."""
 MEAN_STUCK_TIME = 3.0
 """Mean time of slow progress before a person changes the destination [s]. Individual times vary by 50 %."""
 SLOW_FRACTION = 0.2
-"""Speed towards the destination below which progress is slow, divided by the desired speed."""
+"""A person makes slow progress below this fraction of the desired walking speed."""
 NEXT_BY_DRAW = -1.0
 """Entry in the last column of `Routes.points` for a randomly chosen next destination."""
 _PRECISION = 1e-3
 """Smallest decrease of a cell's cost-to-go that is propagated [m]."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Golden ratio (0.618). Its multiples modulo 1 are evenly spread."""
 _WALL_COST, _FREE_CLEARANCE = 3.0, 0.25
-"""Extra cost per metre of walking along a wall, and gap to walls above which the extra cost is zero [m]."""
+"""Added cost per metre of walking along a wall, and gap to the wall above which no cost is added [m]."""
 _OUTSIDE_COST = 8.0
-"""Cost per metre in free cells that are too close to walls for a person."""
+"""Walking cost per metre in free cells that are too close to walls for a person; 1 in open space."""
 
 Costs = tuple[np.ndarray, np.ndarray]
 
 
 class Routes(NamedTuple):
-    """Destinations, cost-to-go and free space of a crowd in a world."""
+    """Destinations of pedestrians in a world, walking cost to each, and free space."""
 
     points: np.ndarray
-    """Destinations, shape (k, 3), float64: x, y in the world frame [m], and the row of the following destination or -1
+    """Destinations, shape (k, 3), float64: x, y in the world frame [m], and index of the next destination or -1
     (random)."""
     fields: np.ndarray
     """Cost-to-go from each cell to each destination, shape (k, height, width), float32 [m]; inf in obstacles."""
     room: np.ndarray
     """Centres (x, y) of connected cells that have room for a person, shape (n, 2), float64, world frame [m]."""
     walls: Walls
-    """Static obstacles in a lookup grid with the origin of the cost-to-go fields."""
+    """Lookup table of static obstacles. Its grid has the same origin as `fields`."""
 
 
 @kept_with_world
@@ -220,7 +219,7 @@ def descent(fields, k, grid, x, y):
 def choose_directions(people, points, fields, grid, dt, directions):
     """Compute walking directions of the crowd. People that have arrived or are stuck get new destinations.
 
-    `people`: state vectors, updated. `points`, `fields`: destinations and cost-to-go. `grid`: origin of `fields`. `dt`:
+    `people`: state vectors, updated. `points`, `fields`: see `Routes`. `grid`: origin (x, y) of `fields` [m]. `dt`:
     time step [s]. `directions`: output, shape (n, 2), float64, unit vectors.
     """
     first = points.shape[0] - fields.shape[0]

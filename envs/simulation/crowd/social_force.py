@@ -22,18 +22,18 @@ class SocialForce(NamedTuple):
     """Parameters of the social force model. Forces are accelerations."""
 
     strength: Positive = 7.0
-    """Repulsion between two people in contact [m/s2]."""
+    """Acceleration by repulsion between two people in contact [m/s2]."""
     reach: Positive = 0.3
     """Distance over which repulsion between people falls by the factor e [m]."""
     behind: Share = 0.5
     """Weight of repulsion from people behind, relative to people ahead (anisotropy lambda)."""
     sideways: Share = 0.3
-    """Sideways force to the right, divided by the repulsion."""
+    """Force to the right for passing people, divided by the repulsion."""
     braking: Positive = 1.0
-    """Maximum braking by repulsion of people, divided by the driving force; 1 stops a person (speed-density relation of
-    Weidmann, 1993)."""
+    """Limit of the backward repulsion by other people, divided by the driving force; at 1, a dense crowd stops
+    (speed-density relation of Weidmann, 1993)."""
     wall_strength: Positive = 6.0
-    """Repulsion of a wall on a person in contact [m/s2]."""
+    """Acceleration by repulsion of a wall in contact with a person [m/s2]."""
     wall_reach: Positive = 0.12
     """Distance over which wall repulsion falls by the factor e [m]."""
     relaxation: Positive = 0.5
@@ -48,7 +48,7 @@ NUM_FORCES = len(SocialForce._fields)
 SIDE_SWITCH_TIME = 0.5
 """Time of slow progress after which a person evades to the left instead of the right [s]."""
 MIN_PUSH_RATIO = 1e-3
-"""Largest neglected repulsion between two bodies, divided by the repulsion in contact."""
+"""Repulsion between two bodies is neglected below this fraction of the repulsion in contact."""
 
 
 @njit(cache=True, error_model="numpy")

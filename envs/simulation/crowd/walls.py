@@ -19,8 +19,10 @@ class Walls(NamedTuple):
     """Lookup table of the static obstacles near each grid cell."""
 
     near: np.ndarray
-    """Packed lists, shape (k,), float64: start index of each cell's list and end of the last, obstacle indices of all
-    lists, and obstacles (x0, y0, x1, y1, radius) [m]."""
+    """Obstacles near each grid cell, packed into one flat array, shape (k,), float64.
+
+    Start index of each cell's list and end of the last; lists of obstacle indices; obstacles (x0, y0, x1, y1, radius)
+    [m]."""
     grid: tuple[float, float, float, float]
     """Origin (x, y) of the grid [m], and number of rows and columns."""
 
@@ -74,7 +76,7 @@ def _pairs(bodies, near, reach, origin_x, origin_y, rows, cols):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def near_list(near, grid, x, y):
-    """Return start and end index of the list of obstacles near the point (x, y); equal outside the grid."""
+    """Return start and end index in `near` of the list of obstacles near the point (x, y); equal outside the grid."""
     row, col = math.floor((y - grid[1]) / CELL), math.floor((x - grid[0]) / CELL)
     if not (0 <= row < grid[2] and 0 <= col < grid[3]):
         return 0, 0
