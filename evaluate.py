@@ -108,7 +108,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def split_arguments(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
-    """Split a command line into other options, and values of `--arguments.NAME VALUE` by name."""
+    """Separate options `--arguments.NAME VALUE` from a command line: return other words, and values by name."""
     rest, found, left = list[str](), dict[str, Any](), iter(words)
     for word in left:
         if not word.startswith("--arguments."):

@@ -128,8 +128,8 @@ class EvaluationConfig(Section):
     references: tuple[str, ...] = ("random",)
     """Non-learned policies, by name or `module:attribute`, evaluated once in the same episodes for comparison."""
     environment: dict[str, Any] = {}
-    """Environment arguments that replace those of training, such as `world`. The value of `observations` also applies
-    to later uses of the policy."""
+    """Environment arguments that replace those of training, such as `world`. Values of `observations` and
+    `collision_monitor` also apply to later uses of the policy."""
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -160,9 +160,9 @@ class EvolutionConfig(Section):
     population: int = Field(default=14, ge=4, le=100_000)
     """Number of individuals (weight vectors) per generation."""
     tasks: Side = 24
-    """Number of exploration episodes per individual."""
+    """Number of exploration episodes to evaluate each individual (weight vector)."""
     sigma: PositiveFloat = 0.06
-    """Initial standard deviation of each weight, multiplied by the standard deviation of the weight's feature."""
+    """Initial standard deviation of score weights, for features scaled to unit standard deviation."""
     families: tuple[str, ...] = ("rooms", "maze", "warehouse", "caves")
     """Families of generated worlds for training."""
     validation_tasks: Side = 240

@@ -17,7 +17,6 @@ from lidarnaut.baselines.policy import Explorer, ObservationPolicy
 from lidarnaut.envs.files import read_bytes
 
 PRETRAINED = Path(__file__).with_name("pretrained")
-"""Folder of the pretrained policies in the package."""
 POLICY = "policy"
 
 

@@ -18,7 +18,7 @@ BACK = -0.3
 SPIN = 0.4
 """Yaw rate without a path, divided by the robot's maximum."""
 BUMPER, PRESENT = 4, WIDTH - 1
-"""Index of the bumper flag in the observation `motion`, and of the flag of the first path in `plan`."""
+"""Index of the contact flag in the observation `motion`, and of the flag in `plan` that a path exists."""
 
 
 def pursue(plan: Tensor, motion: Tensor) -> Tensor:
@@ -41,7 +41,7 @@ def pursue(plan: Tensor, motion: Tensor) -> Tensor:
 
 
 class PlanPursuit:
-    """Policy that follows the first path of the observation `plan`, without learning."""
+    """Non-learned policy that follows the path to the best frontier in the observation `plan`."""
 
     level = "twist"
     observations = ("motion", "plan")

@@ -36,7 +36,7 @@ class RayExecutor(Executor):
 
         Args:
             address: `auto`, `HOST:PORT` or `ray://HOST:PORT`, as in `ray.init`.
-            named: nested value with names of files to send, such as a configuration.
+            named: configuration that names files to send.
 
         Raises:
             ImportError: if Ray is not installed.
@@ -95,8 +95,8 @@ def _call(files: tuple[str, Mapping[str, bytes]], call: bytes) -> Any:
 def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
     """Yield path and content of files that calls on other machines need.
 
-    These are files and policy folders named in the nested value `named`, images of named maps, and modules imported
-    from the current folder.
+    These are files and policy folders named in the configuration `named`, images of map files named there, and modules
+    imported from the current folder.
     """
     here, paths = os.getcwd() + os.sep, []
     for text in set(re.findall(r'"([^"\\]+)"', json.dumps(named, default=str, ensure_ascii=False))):
@@ -112,9 +112,9 @@ def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
 
 
 def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryDirectory[str] | None:
-    """Change the working folder to `folder` if it holds `files`, otherwise to a temporary copy.
+    """Change the working folder to `folder`, or to a temporary one if `folder` lacks one of `files` (content by path).
 
-    Returns the temporary copy, or None.
+    Returns the temporary folder, or None.
 
     Raises:
         ValueError: if a file with an absolute path is missing or differs.
@@ -140,9 +140,9 @@ def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryD
 
 @contextlib.contextmanager
 def make_pool(num_workers: int | None, ray: str | None, named: Any = ()) -> Iterator[Executor]:
-    """Yield an executor: local processes, or the Ray cluster at address `ray`.
+    """Yield an executor that runs calls in local processes, or on the Ray cluster at address `ray`.
 
-    `num_workers`: number of local processes, by default one per core. `named`: nested value that names files for the
+    `num_workers`: number of local processes, by default one per core. `named`: configuration that names files for the
     cluster. Exceptions cancel running calls.
     """
     # Forked copies of processes with threads (torch, numba) may deadlock.

@@ -23,21 +23,20 @@ ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "t
 class ReplayFiles:
     """Saves new transitions of a replay buffer, and loads the files of a checkpoint.
 
-    A row holds one transition of every sub-environment. File names contain the index of the first row and the index
-    after the last row.
+    Each step adds a transition of every sub-environment. File names contain the index of the first step and the index
+    after the last step.
     """
 
     def __init__(self, buffer: ReplayBuffer, run: Path) -> None:
         self._buffer, self._folder = buffer, run / FOLDER
         self._sums: dict[str, str] = {}
         self._end = self._offset = 0
-        """Index of the next row to save, and index of the row in slot 0 of the ring buffer. A row is one transition of
-        every sub-environment."""
+        """Indices of environment steps: first step that is not saved, and step at position 0 of the ring buffer."""
 
     def write(self, end: int) -> dict[str, str]:
-        """Save transitions that are not on disk yet; return SHA-256 checksums of all files by name.
+        """Save new transitions; return SHA-256 checksums of all replay buffer files, by file name.
 
-        `end`: number of steps of each sub-environment. Raises CheckpointError if writing fails.
+        `end`: number of steps of each sub-environment so far. Raises CheckpointError if writing fails.
         """
         size = self._buffer.buffer_size
         end -= (end - self._offset) % size != self._buffer.pos

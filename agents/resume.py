@@ -22,8 +22,8 @@ MAY_CHANGE = {
     "hyperparameters": "training",
     **dict.fromkeys((f"hyperparameters.{name}" for name in ("ent_coef", "policy_kwargs", "use_sde")), ""),
 }
-"""Kinds of runs that may change a configuration key on resume, by key. The longest matching key applies; an empty text
-forbids changes."""
+"""Kinds of runs that may change a configuration key on resume, by key; empty if none. Nested keys follow their parent
+unless listed."""
 DEFAULT = "the default"
 Config = TrainingConfig | EvolutionConfig | Mapping[str, Any]
 
@@ -53,10 +53,6 @@ def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) 
 def _changes(
     was: Mapping[str, Any], now: Mapping[str, Any], kinds: str = "", above: str = ""
 ) -> Iterator[tuple[str, Any, Any, str]]:
-    """Yield changed keys with old value, new value, and kinds of runs that may change the key.
-
-    Hyperparameters and network keys missing in `now` count as unchanged.
-    """
     for name in now if above.startswith(("hyperparameters.", "network.")) else {**was, **now}:
         key, value = f"{above}{name}", now.get(name, DEFAULT)
         before, below = was.get(name, {} if isinstance(value, Mapping) else DEFAULT), MAY_CHANGE.get(key, kinds)

@@ -118,7 +118,6 @@ def _weight_names(model: BaseAlgorithm) -> dict[Tensor, str]:
 
 
 def _moments(model: BaseAlgorithm) -> dict[str, tuple[dict[str, Any], str]]:
-    """Return the location of each optimizer moment (state mapping and key), by its checkpoint name."""
     names = _weight_names(model)
     return {
         f"optimizer.{names[weight]}.{moment}": (state, moment)

@@ -45,7 +45,8 @@ class Member:
     config: TrainingConfig | EvolutionConfig
     run: Path
     group: str = ""
-    """Name of the run's settings if the sweep names settings, otherwise empty. Runs with the same name share a plot."""
+    """Name of this run's settings, if the sweep names settings; otherwise empty. Learning curves with the same name
+    share a plot."""
 
     @property
     def label(self) -> str:

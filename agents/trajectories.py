@@ -19,14 +19,14 @@ from lidarnaut.envs.tasks.carrot import AHEAD
 NEEDED = "trajectories", "motion", "limits"
 """Names of required observations, in addition to `goal` or `carrot`."""
 GOAL_SCALE = 10.0
-"""Goal distance that the observation `goal` normalizes to 1 [m]. Also assumed for a `carrot` (lookahead point) out of
-range."""
+"""Goal distance that the observation `goal` normalizes to 1 [m]. With `carrot` (lookahead point), assumed for goals
+beyond the lookahead distance."""
 LAST_ACTION = slice(2, 4)
 """Indices of the last action in the observation `motion`."""
 OWN_NUMBERS = 6
-"""Number of twist features that the network computes in addition to `trajectories`."""
+"""Number of twist features that the network computes, besides those in `trajectories`."""
 INITIAL_GAIN = 0.05
-"""Initial gain of the last layer; small for nearly uniform probabilities."""
+"""Gain of the orthogonal initialization of the last layer; small for nearly uniform probabilities."""
 
 
 class TwistChoice(Distribution):
@@ -68,11 +68,11 @@ class TwistChoice(Distribution):
 
 
 class TrajectoryNetwork(nn.Module):
-    """Network with a logit per candidate twist, by a shared MLP, and a state value.
+    """Network that rates 66 candidate velocity commands (twists) by logits, and estimates the state value.
 
-    Twist features are the row of the observation `trajectories`, progress to the goal divided by the distance driven in
-    1 s at maximum speed, cosine of the angle between final heading and goal direction, change from the last action, and
-    the twist. The value uses their mean and maximum.
+    A shared MLP rates each twist by its row of the observation `trajectories`, progress to the goal divided by the
+    distance driven in 1 s at maximum speed, cosine of the angle between final heading and goal direction, change from
+    the last action, and the twist. The value uses mean and maximum over twists.
     """
 
     twists: Tensor
@@ -123,7 +123,6 @@ class TrajectoryNetwork(nn.Module):
         return logits, self.judge(torch.cat([seen.mean(dim=1), seen.amax(dim=1), others], dim=1))
 
     def _goal(self, observations: Tensors) -> Tensor:
-        """Return the goal position, base frame, divided by the distance driven in 1 s at maximum speed."""
         if "carrot" in observations:
             carrot = observations["carrot"]
             goal = torch.where(carrot[:, 2:] < 1.0, AHEAD * carrot[:, 2:], GOAL_SCALE) * carrot[:, :2]
@@ -133,7 +132,7 @@ class TrajectoryNetwork(nn.Module):
 
 
 class TrajectoryPolicy(JointPolicy):
-    """Policy that samples one of the candidate twists by the logits of a `TrajectoryNetwork`."""
+    """Actor-critic policy that samples one of 66 velocity commands, with probabilities from a `TrajectoryNetwork`."""
 
     def __init__(
         self,

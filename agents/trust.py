@@ -24,9 +24,9 @@ _PATH_OR_OWN_ID = re.compile(r"[A-Za-z]:[\\/][^:]*|lidarnaut:lidarnaut/[\w-]+")
 
 
 def named_code(record: Any) -> dict[str, str]:
-    """Return the names of code in nested mappings and lists, with dotted keys such as `a.b.0`.
+    """Return names of code in a configuration, such as `module:attribute`, each with its configuration key.
 
-    Texts with a colon name code (`module:attribute`, `module:id`), except drive paths and ids of the package.
+    Values with a colon name code, except drive paths and ids of the package. Keys are dotted, such as `a.b.0`.
     """
     return {text: key for key, text in _texts(record, "") if ":" in text and not _PATH_OR_OWN_ID.fullmatch(text)}
 

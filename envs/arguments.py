@@ -67,7 +67,7 @@ def check_positive(**values: float) -> None:
 
 
 def clip_hint(make_env: Callable[..., Any], actions: np.ndarray) -> str:
-    """Return a hint to use `clip_actions` for actions outside [-1, 1]; empty if not applicable."""
+    """Return the part of an error message that suggests `clip_actions`; empty if not applicable."""
     if np.isnan(actions).any() or "clip_actions" not in inspect.signature(make_env).parameters:
         return ""
     return "; clip_actions=True clips actions to this range"

@@ -36,8 +36,7 @@ from lidarnaut.envs.worlds import World
 NO_TRACKS = np.empty((0, 5))
 """Empty array of tracked people, shape (0, 5): x, y [m], vx, vy [m/s], radius [m]."""
 FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
-"""Methods that vector environments replace by kernels for many environments. Environments that override one are stepped
-alone."""
+"""`LidarEnv` methods that kernels replace in vector environments. Environments that override one are stepped alone."""
 WORLD_SPAWN_KEY = 2**32 - 1
 """Spawn key of the random generator for worlds. `Generator.spawn` does not reach this key."""
 
@@ -180,7 +179,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._prepared: tuple[Any, ...] = (None,) * 4
         self.whole_step, self._fixed_info = WholeStep(self), fixed_info
         self.has_begun = False
-        """Whether an episode has begun, so that `step` may be called."""
         self._blank: dict[str, Any] = {}
         self._renderer: Any = None
         for k, one in enumerate(self.robots):
@@ -350,12 +348,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def is_fused(self) -> bool:
-        """Whether vector environments can step several environments of this kind in one kernel call."""
+        """Whether kernels can step many environments of this kind together."""
         return not self.why_not_fused
 
     @property
     def why_not_fused(self) -> str:
-        """Reason why kernels cannot step several environments of this kind together; empty if possible."""
+        """Reason why kernels cannot step many environments of this kind together; empty if they can."""
         kind, physics = type(self), type(self.simulator)
         if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
             return f"{kind.__name__} overrides {own[0]}"

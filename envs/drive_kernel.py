@@ -14,17 +14,17 @@ from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.transition import record_positions, update_robots
 
 UNCHECKED = -1
-"""Progress value of a drive if progress was not checked after the last control period."""
+"""Progress returned by `drive` if the last control period ended without a check for arrival or stall."""
 
 
 @njit(cache=True, error_model="numpy")
 def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_from):
-    """Drive a robot until a scan is due, the noise is used up, or Python must handle the progress.
+    """Drive a robot by its navigator for up to `max_steps` control periods.
 
-    `rows`, `draws`, `ranges`: state, noise and scan; see `step_robots`. `world_arrays`: segments and circles of the
-    world, and `People.arrays`. `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of
-    `record_positions`. `max_steps`: maximum number of control periods. `check_from`: first control period with a check
-    in Python.
+    Ends early if a scan is due, the noise is used up, the drive ends, or Python must check the progress. `rows`,
+    `draws`, `ranges`: state, noise and scan. `world_arrays`: segments and circles of the world, and `People.arrays`.
+    `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of `record_positions`.
+    `check_from`: first control period with a check in Python.
 
     Returns:
         Number of control periods; progress as in `check_progress`, or `UNCHECKED`; number of control periods before the

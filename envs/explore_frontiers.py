@@ -203,7 +203,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return self.explore.judge(info["rewards"], info, is_last, self._end_reason)
 
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
-        """Return the observation in new arrays, or write it into `out`, which may lack the `map`."""
+        """Return the observation in new arrays or in those of `out`; without `map` if `out` lacks it."""
         if out is None:
             spaces_ = self.observation_space.spaces  # type: ignore[attr-defined]
             out = {name: np.empty(space.shape, space.dtype) for name, space in spaces_.items()}
@@ -257,7 +257,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     @property
     def why_not_fused(self) -> str:
-        """Reason why every control period requires Python; empty if a kernel can simulate several."""
+        """Reason why one kernel call cannot simulate several control periods; empty if it can."""
         env = self.explore
         if env.why_not_fused or not env.robots[0].follows_odometry:
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"

@@ -13,7 +13,6 @@ from gymnasium.envs.registration import EnvSpec, load_env_creator
 from lidarnaut.envs.files import explain_unknown, resolve
 
 EXPLORE, CHOOSE = "lidarnaut/Explore-v0", "lidarnaut/ExploreFrontiers-v0"
-"""Ids of the environments for exploration by velocity commands, and by choosing frontiers."""
 
 
 def find_spec(id: str) -> EnvSpec:

@@ -66,7 +66,8 @@ class Measure:
     is_share: bool = False
     """Whether values are 0 or 1, so that their mean is a share of episodes."""
     limit: str = ""
-    """Column with the substitute value if the threshold is never reached; empty without a threshold."""
+    """Column of the value that replaces infinity, such as the time limit for an unreached threshold; empty if never
+    infinite."""
     is_headline: bool = False
     """Whether this (headline) measure ranks policies. Requires a value in every episode."""
     is_relative: bool = False
@@ -96,23 +97,23 @@ def final(history: EpisodeHistory, name: str) -> float:
 
 
 def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
-    """Return `quantity` at the first sample with `fraction >= mark`, or infinity; arrays have shape (n,)."""
+    """Return `quantity` at the first sample with `fraction` at least `mark`, or infinity; shapes (n,)."""
     reached = fraction >= mark
     return float(quantity[reached.argmax()]) if reached.any() else math.inf
 
 
 def when(history: EpisodeHistory, name: str, mark: float, quantity: str = "time") -> float:
-    """Return the time [s], or another quantity, when an `info` entry first reaches `mark`, or infinity."""
+    """Return a quantity, by default time [s], when an `info` entry first reaches `mark`; infinite if never."""
     return first_at(history.of(quantity), history.of(name), mark)
 
 
 def when_successful(history: EpisodeHistory, quantity: str = "time") -> float:
-    """Return the final time [s], or another quantity, of a successful episode; infinite otherwise."""
+    """Return the final value of a quantity, by default time [s], if an episode is successful; otherwise infinity."""
     return final(history, quantity) if history.final["is_success"] else math.inf
 
 
 def mean_over_limit(history: EpisodeHistory, name: str) -> float:
-    """Return the mean of an `info` entry over the time limit; after the end, the last value is kept."""
+    """Return the time average of an `info` entry until the time limit; its last value continues after the end."""
     values, time, limit = history.of(name), history.of("time"), history.time_limit
     known = np.trapezoid(values, time) + values[-1] * max(0.0, limit - time[-1])
     return float(known / max(limit, time[-1]))

@@ -34,7 +34,7 @@ class Randomization:
     """Samples robot parameters uniformly from ranges in each episode."""
 
     def __init__(self, ranges: Ranges, robot: RobotParams, ignored: Sequence[str] = ()) -> None:
-        """Check the ranges for a nominal robot; `ignored` names parameters without effect in the physics.
+        """Check the ranges for a nominal robot; `ignored`: parameters that the physics engine does not use.
 
         Raises:
             ValueError: if a name or a range is not allowed.

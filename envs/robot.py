@@ -25,7 +25,7 @@ from lidarnaut.envs.slam import KnownPoses, TinySlam
 from lidarnaut.envs.slam.key_scans import KeyScanSlam
 
 SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
-"""Bits of a robot's pending work: process the scan, record the estimated position, record the true position."""
+"""Flags of due work in a robot state: process the scan, record the estimated position, record the true position."""
 
 ONE_ACTIVE = np.ones(1, dtype=np.bool_)
 """Mask for arrays of a single robot, shape (1,), bool."""
@@ -93,7 +93,7 @@ class Robot:
         self.tracker: PeopleTracker | None = None
         """Tracker that excludes people from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
-        """Whether the pose follows odometry between processed scans, as the estimator processes only some or none."""
+        """Whether the pose follows odometry between processed scans; False for estimators that process every scan."""
         slam: Any = getattr(estimator, "params", None)  # None for dead reckoning
         self._reading: Reading
         self._batch: SimpleNamespace | None = None
@@ -118,7 +118,7 @@ class Robot:
 
     @property
     def row(self) -> np.ndarray:
-        """Copy of the robot's state vector, shape (ROW_SIZE,), float64: NaN for ground truth."""
+        """Copy of the robot's state vector, shape (ROW_SIZE,), float64; columns with ground truth are NaN."""
         row = at.SENSED * self._row
         row[at.TOUCHED] = row[at.TOUCHED] > 0.0
         return row
@@ -181,7 +181,7 @@ class Robot:
 
     @property
     def predicted_pose(self) -> Pose2D:
-        """Pose estimate, map frame [m, rad]; predicted by odometry until the last scan is processed."""
+        """Pose estimate, map frame [m, rad]: that of the last processed scan, extrapolated by odometry."""
         return Pose2D(*self._rows.numbers[self.index, at.POSE : at.POSE + 3].tolist())
 
     def reset(
@@ -230,7 +230,7 @@ class Robot:
     def locate(self, flags: int) -> None:
         """Update pose, map and path after a control period, by the scan or by odometry.
 
-        `flags`: pending work, such as `SCAN`. Raises ValueError if the estimator returns invalid results.
+        `flags`: due work, such as `SCAN`. Raises ValueError if the estimator returns invalid results.
         """
         if self.tracker is not None:
             self._track(self.tracker, self.ranges, Pose2D(*self._row[at.ODOMETRY : at.ODOMETRY + 3].tolist()))
@@ -264,7 +264,7 @@ class Robot:
         return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])
 
     def follow(self, belief: Belief) -> None:
-        """Store pose, velocity, path and changes of the map after a scan."""
+        """Adopt the estimator's result for a scan: pose, velocity, path and map changes."""
         if self._own_estimator:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
@@ -309,7 +309,7 @@ class GroundTruth:
             self._rows.numbers[self._index, at.TRUE_TRAIL : at.TRUE_TRAIL + 2] = self.trail.last
 
     def update(self) -> None:
-        """Update path and distance after a motion that was not simulated by kernels."""
+        """Update true path and path length after a motion that kernels did not simulate."""
         row = self._rows.numbers[self._index]
         row[at.PATH_LENGTH] += distance(row[at.X] - row[at.LAST_X], row[at.Y] - row[at.LAST_Y])
         row[at.LAST_X : at.LAST_THETA + 1] = row[at.X : at.THETA + 1]

@@ -39,9 +39,9 @@ class ObservationPart(Protocol):
 
 
 class RowPart:
-    """Base of built-in observation parts, which write the entries of many robots together.
+    """Base of built-in observation parts, which write the entries of many robots in one call.
 
-    Subclasses define `write_rows(batch, out)` for the active rows of a `Batch`.
+    Subclasses define `write_rows(batch, out)` for active robots of a `Batch`.
     """
 
     _memory: Sequence[Any] = ()  # keys of `batch.memory` that `write_rows` reads
@@ -91,7 +91,7 @@ class Rewards:
 
 
 def total(terms: Mapping[str, Any]) -> Any:
-    """Return the sum of reward terms, added in order; `sum` rounds differently."""
+    """Return the sum of reward terms, added one after another; Python's `sum` rounds differently."""
     return functools.reduce(operator.add, terms.values(), 0.0)
 
 
@@ -116,7 +116,7 @@ class Task(ABC):
     is_team: ClassVar[bool] = False
     """Whether actions and observations have a leading axis for robots."""
     rests_between_scans: bool = False
-    """Whether only time and contacts change in control periods without scan integration. Kernels may then skip
+    """Whether only time and contacts affect the task in control periods without a processed scan. Kernels may then skip
     `update`: the quantities "time" and "collision" sum the skipped seconds and the seconds in contact, other
     quantities are 0."""
     arrays: tuple[np.ndarray, ...] = ()
@@ -124,8 +124,8 @@ class Task(ABC):
     uses_true_motion: bool = False
     """Whether estimators receive the true motion instead of odometry."""
     sampler_ahead: Any = None
-    """World sampler that lets a thread call `draw_world` in advance, or None. Requires that `draw_world` depends only
-    on this sampler and the generator, and calls no user code."""
+    """Sampler that allows another thread to call `draw_world` before the reset, or None. Requires that `draw_world`
+    depends only on this sampler and the generator, and calls no user code."""
     weights: Mapping[str, float]
     """Weights of the reward terms, by the name of a quantity."""
     reward: Any = None
@@ -176,7 +176,7 @@ class Task(ABC):
         """
 
     def place(self, world: World, start: Any) -> World:
-        """Return the section of a world for an episode with a given start; by default the whole world."""
+        """Return the part of a world that an episode with a given start uses; by default the whole world."""
         return world
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Kernels for one control period: motion, contacts and odometry. Scan processing is elsewhere."""
+"""Numba kernels for robots in one control period: motion, contacts and odometry."""
 
 import math
 
@@ -21,7 +21,7 @@ PERSONAL_SPACE = 0.45
 """Gap between footprint and person that bounds personal space [m]: intimate distance of Hall, "The Hidden Dimension"
 (1966)."""
 BY_NOBODY, BY_ROBOT_ALONE, BY_ROBOT, BY_PERSON = range(4)
-"""Causes of a contact: none; obstacle or other robot; person, caused by the robot; person, caused by the person."""
+"""Causes of a contact: none; obstacle or other robot; robot drove into a person; person walked into the robot."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -79,10 +79,10 @@ def _watch_people(row, people):
 
 @njit(cache=True, error_model="numpy")
 def update_robots(rows, people):
-    """Update robot states after motion and sensing: contacts, odometry, predicted pose, pending work.
+    """Update robot states after a control period: contacts, odometry, predicted pose, due work such as `SCAN`.
 
-    `rows`: shape (n, ROW_SIZE), float64. `people`: states of all people. Between key scans (scans that the estimator
-    processes), the pose follows odometry.
+    The pose follows odometry until the estimator processes a scan. `rows`: robot states, shape (n, ROW_SIZE), float64.
+    `people`: states of all people.
     """
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -115,10 +115,10 @@ def update_robots(rows, people):
 
 @njit(cache=True, error_model="numpy")
 def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
-    """Simulate one control period of active environments with `num_robots` robots each.
+    """Simulate one control period of several environments with `num_robots` robots each.
 
-    `rows`, `draws`, `ranges`: states, noise and scans of all robots; see `step_robots`. `active`: environments to step,
-    shape (num_envs,), bool. `world_arrays`: wall segments, circles and people by environment.
+    `rows`, `draws`, `ranges`: states, noise and lidar ranges of the robots of all environments. `active`: environments
+    to step, shape (num_envs,), bool. `world_arrays`: wall segments, circles and people by environment.
     """
     for i in range(active.shape[0]):
         if active[i]:
@@ -130,7 +130,7 @@ def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
 
 @njit(cache=True, error_model="numpy")
 def record_positions(rows, active, positions, counts):
-    """Append positions that robot states request to record; return True if an array is full.
+    """Append positions that flags of robot states mark for recording; return True if an array is full.
 
     `rows`: robot states. `active`: robots to process, shape (n,), bool. `positions`: estimated and true positions,
     shape (n, k, 4), float64 [m], updated. `counts`: numbers of estimated and true positions, shape (n, 2), int64,

@@ -96,8 +96,8 @@ class _Evolution:
     def __init__(self, config: EvolutionConfig, run: Path, pool: Executor) -> None:
         self._config, self._run, self._pool = config, run, pool
         self.values = _read(run / GENERATIONS, config.population)
-        """Results by generation: each individual's mean log(time / time of the rule `gain_over_cost`), shape
-        (population,), float64."""
+        """Objective values by generation, shape (population,), float64: each individual's mean log(exploration time /
+        time of the rule `gain_over_cost`)."""
         self._means: list[np.ndarray] = []
         self._validated: list[Row] = read_evaluations(run) if (run / "evaluations.csv").exists() else []
         seed, population = config.seed, config.population

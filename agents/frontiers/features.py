@@ -19,9 +19,9 @@ left_x_log_visible left_x_log_cost log_mean_gap detour ahead
 NAMES = tuple(_NAMES.split())
 NUM_FEATURES = len(NAMES)
 LEAST_GAIN, LEAST_COST = GainOverCost().least_gain, GainOverCost().least_cost
-"""Offsets added to visible unknown area [m2] and path cost [m], as in the rule `gain_over_cost`."""
+"""Constants that the rule `gain_over_cost` adds to visible unknown area [m2] and to path cost [m]."""
 PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
-"""Score weights equal to the rule `gain_over_cost` (unknown area / path cost), shape (NUM_FEATURES,), float64."""
+"""Score weights that reproduce the rule `gain_over_cost` (unknown area / path cost), shape (NUM_FEATURES,), float64."""
 NEAREST = np.array([float(name == "minus_log_cost") for name in NAMES])
 """Score weights that select the nearest frontier, shape (NUM_FEATURES,), float64."""
 
@@ -33,9 +33,9 @@ def _length(share, half):
 
 @njit(cache=True, error_model="numpy")
 def score_features(candidates, sectors, gaps, robot, count):
-    """Return features of the first `count` frontier candidates, shape (count, NUM_FEATURES), float64.
+    """Return score features of the first `count` frontier candidates, shape (count, NUM_FEATURES), float64.
 
-    `candidates`, `sectors`, `gaps`, `robot`: observation of `ExploreFrontiers-v0`.
+    Other arguments: entries of the observation of `ExploreFrontiers-v0`.
     """
     out = np.empty((count, NUM_FEATURES))
     visible, cost = np.empty(count), np.empty(count)

@@ -22,8 +22,8 @@ MASKED = -1e9
 """Logit of invalid actions, which have probability 0."""
 MAP_CHANNELS = 8
 MAX_INITIAL_SLOPE = 6.0
-"""Largest initial decrease of attention logits per normalized distance. Initial decreases of the heads are evenly
-spaced from 0."""
+"""Largest initial slope of an attention head: decrease of attention logits per normalized distance of frontiers. The
+heads' initial slopes are evenly spaced from 0."""
 RULE = "rule"
 """Value of `prior_policy` for the rule `gain_over_cost` (unknown area / path cost)."""
 NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
@@ -34,7 +34,7 @@ def _length(share: Tensor, half: float) -> Tensor:
 
 
 class FrontierNetwork(nn.Module):
-    """Network with a logit per frontier candidate, equivariant to permutations, and a state value.
+    """Attention network that rates frontier candidates by logits, and estimates the state value.
 
     Candidates are embedded, attend to each other, and are rated by a shared MLP. Attention decreases with distance, by
     a learned slope per head. The MLP corrects a prior: logit = prior * utility + correction, with initial correction 0.
@@ -50,8 +50,8 @@ class FrontierNetwork(nn.Module):
     ) -> None:
         """Build the layers; raise ValueError if a required observation is missing.
 
-        `prior`: factor of the prior policy's utility in the logits. `has_score`: reserve weights of a frontier score as
-        prior, which are set later.
+        `prior`: weight of the prior policy in the logits. `has_score`: whether the prior policy is a linear frontier
+        score, set later, instead of the rule `gain_over_cost`.
         """
         super().__init__()
         if missing := [key for key in NEEDED if key not in observation_space.spaces]:
@@ -128,7 +128,7 @@ class FrontierNetwork(nn.Module):
 
 
 class _Slots:
-    """Conversion between padded tables of candidates and rows of valid candidates only."""
+    """Removal and restoration of padding rows in batched arrays of frontier candidates."""
 
     def __init__(self, mask: Tensor) -> None:
         self.sample, self.slot = mask.nonzero(as_tuple=True)
@@ -143,7 +143,7 @@ class _Slots:
 
 
 class FrontierPolicy(JointPolicy):
-    """Policy that samples a frontier candidate by the logits of a `FrontierNetwork`."""
+    """Actor-critic policy that samples a frontier candidate, with probabilities from a `FrontierNetwork`."""
 
     def __init__(
         self,
@@ -157,14 +157,14 @@ class FrontierPolicy(JointPolicy):
         prior_policy: str = RULE,
         **arguments: Any,
     ) -> None:
-        """Build the network. With a `prior_policy` other than `rule`, `load_prior` must be called."""
+        """Build the network. If `prior_policy` is not `rule`, its weights must be set by `load_prior`."""
         self._sizes = {"width": width, "heads": heads, "prior": prior, "has_score": prior_policy != RULE}
         # required by the base class; has no weights
         arguments["features_extractor_class"] = FlattenExtractor
         super().__init__(observation_space, action_space, lr_schedule, **arguments)
 
     def load_prior(self, score: FrontierScore) -> None:
-        """Copy the weights of a linear frontier score into the network, as prior."""
+        """Set the weights of the linear frontier score that is the prior policy."""
         assert self.network.score is not None
         self.network.score.copy_(torch.from_numpy(score.weights))
 

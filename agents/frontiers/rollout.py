@@ -1,4 +1,4 @@
-"""Exploration episodes in the environment without driving, `ExploreFrontiersAbstract-v0`."""
+"""Exploration episodes without simulated driving, in the environment `ExploreFrontiersAbstract-v0`."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -12,17 +12,18 @@ from .tasks import TARGET, ExplorationTask, make_environment, make_world
 MAX_RATIO = 3.0
 """Time limit of an episode, divided by the time that the rule `gain_over_cost` takes."""
 MISSING_COST = 2.0
-"""Penalty on the logarithm of exploration time, per explored fraction missing from the target."""
+"""Weight of incomplete exploration in the cost of an episode: log(time) + weight x (target - explored fraction)."""
 NUM_BEST = 5
-"""Number of best candidates per decision used for feature variances."""
+"""Number of best-rated frontiers per decision used for feature variances."""
 
 
 def explore(
     task: ExplorationTask, policy: Callable[[dict[str, np.ndarray]], np.int64], max_time: float = math.inf
 ) -> tuple[float, float]:
-    """Run an episode with a policy that selects frontiers, until target coverage or `max_time` [s].
+    """Run an exploration episode with a policy that selects frontiers.
 
-    Returns the log of exploration time [s], with a penalty for missing coverage, and explored fraction.
+    It ends at target coverage or `max_time` [s]. Returns the log of exploration time [s], with a penalty for missing
+    coverage, and explored fraction.
     """
     env = make_environment(task.robot, task.resolution, task.drift)
     observation, _ = env.reset(seed=task.seed, options={"world": make_world(task)})
@@ -38,9 +39,10 @@ def explore(
 
 
 def compare(task: ExplorationTask, weights: Sequence[np.ndarray]) -> np.ndarray:
-    """Run a task with each of n weight vectors of a frontier score, shape (NUM_FEATURES,).
+    """Compare n linear frontier scores with the rule `gain_over_cost` in an exploration task.
 
-    Returns log(time / time of the rule `gain_over_cost`) and explored fraction, shape (n, 2), float64.
+    `weights`: n vectors, shape (NUM_FEATURES,). Returns log(exploration time / time of the rule) and explored fraction,
+    shape (n, 2), float64.
     """
     base, _ = explore(task, FrontierScore())
     limit = MAX_RATIO * math.exp(base)
@@ -48,9 +50,9 @@ def compare(task: ExplorationTask, weights: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def feature_variances(task: ExplorationTask) -> np.ndarray:
-    """Return the variance of each feature among the best candidates, shape (NUM_FEATURES,), float64.
+    """Return the variance of each frontier feature among the best-rated frontiers of a decision.
 
-    The variances are averaged over the decisions of an episode with the rule `gain_over_cost`.
+    The variances, shape (NUM_FEATURES,), float64, are averaged over an episode with the rule `gain_over_cost`.
     """
     rule, variances = FrontierScore(), [np.zeros(NUM_FEATURES)]
 

@@ -49,7 +49,7 @@ class FrontierScore:
         return np.int64(scores.argmax() if len(scores) else 0)
 
     def rate(self, observation: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return features of k frontier candidates, shape (k, NUM_FEATURES), and scores, shape (k,), float64."""
+        """Return features, shape (k, NUM_FEATURES), and scores, shape (k,), float64, of all k frontier candidates."""
         count = int(observation["action_mask"].sum())
         features = score_features(
             observation["candidates"], observation["sectors"], observation["gaps"], observation["robot"], count
@@ -57,7 +57,7 @@ class FrontierScore:
         return features, features @ self.weights - FAILURE_PENALTY * (features[:, NAMES.index("failures")] > 0)
 
     def save(self, folder: Path, record: Mapping[str, Any]) -> None:
-        """Write the weights to a folder, with `record` and the names of training and held-out worlds."""
+        """Write weights to a folder, with training results `record` and names of held-out worlds and robots."""
         about = {"format": 1, "features": list(NAMES), **SPLIT, **record}
         weights = save({"weights": self.weights})
         write_folder(folder, {WEIGHTS_FILE: weights, RECORD_FILE: json.dumps(about, indent=2) + "\n"})
@@ -104,4 +104,4 @@ class ScoreExplorer(RuleExplorer):
 
 
 class PursuitScoreExplorer(PursuitDriving, ScoreExplorer):
-    """Explorer like `ScoreExplorer` that steers to a point ahead on the path (pursuit)."""
+    """Explorer that selects frontiers like `ScoreExplorer`, and steers to a point ahead on the path (pursuit)."""

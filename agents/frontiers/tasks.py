@@ -28,7 +28,7 @@ SIDES = {
 RANGES = (3.5, 5.0, 8.0, 12.0, 20.0)
 """Maximum ranges of the lidar on randomized robots [m]."""
 LEAST_AREA = 8.0
-"""Minimum explorable area of a world, divided by lidar range [m2/m]. Ranges above 8 m count as 8 m."""
+"""Minimum explorable area of a world per metre of lidar range [m2/m]. Ranges above 8 m count as 8 m."""
 RESOLUTIONS = (0.1, 0.15, 0.2)
 """Sides of a map cell [m]; the smallest is only for worlds below 200 m2."""
 
@@ -47,7 +47,7 @@ TRAINING_ROBOTS = tuple(name for name in ROBOT_NAMES if name not in HELD_OUT.rob
 
 
 def is_held_out(world: str, robot: str) -> bool:
-    """Return True if the robot or library world is excluded from training, or the world is generated."""
+    """Return True if the robot or the world was excluded from training. Generated worlds count as excluded."""
     return world not in TRAINING_WORLDS or robot in HELD_OUT.robots
 
 
@@ -150,7 +150,7 @@ def make_world(task: ExplorationTask) -> World:
 
 @lru_cache(maxsize=4)
 def make_environment(robot: RobotParams, resolution: float, drift: float) -> ExploreFrontiersAbstractEnv:
-    """Return an environment for tasks with these parameters; the last four are cached."""
+    """Return the environment for a robot, map cell size [m] and position error [m]; keeps the last four."""
     return ExploreFrontiersAbstractEnv(
         robot=robot, map_resolution=resolution, drift=(drift, drift / 6.0), target_coverage=TARGET, world="rooms"
     )
