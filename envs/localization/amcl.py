@@ -27,7 +27,7 @@ from .resampling import resample
 from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 
 _MIN_HITS = 5
-"""Minimum number of beams with a return in a scan that is compared with the map."""
+"""Scans with fewer beam end points do not count in `fit` (match with the map)."""
 _WIDE_FACTOR = 4.0
 """Particle spread, as a multiple of `lost_spread`, that starts a search for alternative poses."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
@@ -116,7 +116,7 @@ class Amcl:
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a scan; `motion` is the base pose by odometry relative to the last scan.
+        """Update the estimate by a scan; `motion`: base pose by odometry relative to the last scan.
 
         Raises:
             ValueError: wrong number of beams, or motion not finite.

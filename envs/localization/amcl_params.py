@@ -82,7 +82,7 @@ class AmclParams:
     lost_fit: Share = 0.5
     """Minimum share of beam end points of recent scans that fit the map. Below this share, the robot is lost."""
     lost_updates: Count = 5
-    """Number of recent scans that `lost_fit` refers to, and minimum number to complete global localization."""
+    """Number of recent scans over which `lost_fit` applies; global localization takes at least as many scans."""
     lost_spread: Positive = 0.5
     """Maximum position spread (RMS) of the heaviest particle cluster [m]. Above this spread, the robot is lost."""
     relocalize: bool = False

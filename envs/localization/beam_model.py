@@ -19,7 +19,6 @@ from .motion_model import cosine, sine
 _MIN_STEP = np.float32(0.5)
 """Minimum step of ray casting [cells]."""
 _CELL_DIAGONAL = np.float32(1.42)
-"""Diagonal of a cell, rounded up [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -69,7 +68,7 @@ def beam_likelihood(measured, expected, range_max, mixture):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_beams(field, ranges, geometry, mixture, particles, weights):
-    """Multiply particle weights by `1 + sum p^3`, with the likelihood p of each beam; return the mean factor.
+    """Multiply particle weights by `1 + sum p^3` over beams of likelihood p, as in ROS; return the mean factor.
 
     `field`: grid of distances to the nearest obstacle [cells]. `ranges`: shape (k,), float32 [m], NaN for ignored
     beams. `particles`: x, y, heading, shape (3, n), float32 [m, m, rad].

@@ -17,7 +17,7 @@ _TOUCHING = np.ones((3, 3, 3))
 
 
 class BinRaster(NamedTuple):
-    """Regular histogram bins over x, y and heading."""
+    """Histogram bins of poses (x, y, heading), for KLD-sampling and clustering."""
 
     origin: tuple[float, float]
     """Minimum x and y of the bins, frame of the particles [m]."""
@@ -28,7 +28,7 @@ class BinRaster(NamedTuple):
 
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], size: float, angle: float) -> "BinRaster":
-        """Cover `bounds` (x_min, y_min, x_max, y_max) [m] by bins of `size` [m] and heading width `angle` [rad]."""
+        """Return bins over `bounds` (x_min, y_min, x_max, y_max) [m], of width `size` [m] and heading width `angle`."""
         x_min, y_min, x_max, y_max = bounds
         num_x, num_y = math.ceil((x_max - x_min) / size), math.ceil((y_max - y_min) / size)
         return cls((x_min, y_min), size, (num_y, num_x, max(1, round(2.0 * math.pi / angle))))
@@ -36,7 +36,7 @@ class BinRaster(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def find_bins(particles, raster, bins):
-    """Write each particle's bin index to `bins`. Return the particles' largest extent in x, y or heading [bins]."""
+    """Write each particle's histogram bin to `bins`; return the cloud's largest extent along x, y or heading [bins]."""
     xs, ys, thetas = particles[0], particles[1], particles[2]
     per_metre = np.float32(1.0 / raster.size)
     per_radian = np.float32(raster.shape[2] / (2.0 * math.pi))
@@ -59,7 +59,7 @@ def find_bins(particles, raster, bins):
 
 
 def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -> tuple[float, np.ndarray]:
-    """Return the heaviest cluster of connected bins: total weight, and particle weights (0 outside the cluster)."""
+    """Return the weight sum, and the weights (0 outside), of the heaviest cluster of particles in connected bins."""
     rows, cols, angles = np.unravel_index(bins, raster.shape)
     rows, cols = rows - rows.min(), cols - cols.min()
     occupied = np.zeros((rows.max() + 1, cols.max() + 1, raster.shape[2] + 1), dtype=bool)

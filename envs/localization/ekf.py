@@ -28,8 +28,8 @@ MAX_STEPS = 5000
 """Maximum number of integration steps per prediction."""
 
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
-"""Clock reset: minimum number of consecutive refused time stamps, and factor on the waiting time if only one of several
-sensors is refused."""
+"""Jumps of the sensor clock are accepted after this number of refused time stamps; factor on the required time if only
+one of several sensors is refused."""
 
 Kind = Literal["map", "encoder", "compass"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

@@ -89,14 +89,14 @@ class FusedPose:
         self.localizer = localizer
         self.ekf = make_filter(robot)
         self.measurements: list[Measurement] = []
-        """Measurements received with the last reading, including unused sensors."""
+        """Measurements received at the last `update`, including unused sensors."""
         self.localized: Estimate
-        """AMCL pose at the last reading, with speed and yaw rate by encoders."""
+        """AMCL pose at the last `update`, with speed and yaw rate by encoders."""
         self.estimate: Estimate
         """Fused pose and velocity."""
         self.belief: Belief
         self.north = math.nan
-        """Compass reading in the direction of the map's x axis [rad]; set before `reset`."""
+        """Compass heading of the map's x axis [rad]; set before `reset`."""
         self._robot, self._kinds, self._latency = robot, FUSIONS[fusion], latency
         self._delayed: deque[tuple[float, Measurement]] = deque()
 
@@ -107,7 +107,7 @@ class FusedPose:
         map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
     ) -> Belief:
-        """Start at rest on a known map. The first call of `update` passes the reading at the start."""
+        """Start at rest on a known map. The first call of `update` must pass the sensor reading at the start."""
         self._start = np.diag(start_covariance()).copy()
         if covariance is not None:
             self._start[:3] = np.diag(covariance)
@@ -122,7 +122,7 @@ class FusedPose:
         return self.localizer.particles
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a reading; `motion` is the base pose by odometry relative to the last reading.
+        """Update the estimate by a sensor reading; `motion`: base pose by odometry relative to the last reading.
 
         Raises:
             ValueError: time stamps do not increase.

@@ -57,12 +57,13 @@ def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: f
 
 
 class Field(NamedTuple):
-    """Grid of likelihoods or obstacle distances over a map and a border."""
+    """Map grid with likelihoods of beam end points, or distances to the nearest obstacle."""
 
     data: np.ndarray
-    """Scaled likelihoods, uint16, or distances to the nearest obstacle, float32 [cells]: shape (height, width)."""
+    """Likelihoods scaled to 0 to 65535, uint16, or distances to the nearest obstacle, float32 [cells]: shape (height,
+    width)."""
     border: int
-    """Width of the border around the map, which has a constant value [cells]; 0 for distances."""
+    """Width of the margin added around the map [cells]; 0 for distances."""
     origin: tuple[float, float]
     """Corner (x, y) of the grid, map frame [m]."""
     resolution: float
@@ -110,7 +111,7 @@ def sum_fields(field, points, num_points, particles, sums):
 def multiply_by_sum(weights, sums, unit):
     """Multiply particle weights, shape (n,), by `1 + unit * sums`, as in ROS; return the weighted mean factor.
 
-    `sums`: likelihood field values summed over a scan. `unit`: likelihood per field value.
+    `sums`: likelihood field values summed over a scan. `unit`: cubed likelihood per field value.
     """
     mean = 0.0
     for i in range(weights.shape[0]):

@@ -20,7 +20,7 @@ _HALF = np.float32(0.5)
 
 @njit(cache=True, error_model="numpy", inline="always")
 def normal(seed, index):
-    """Return element `index` of the approximately standard normal random sequence of a uint64 seed.
+    """Return an approximately standard normal pseudo-random number, determined by `seed` and `index` (uint64).
 
     Sum of four uniforms from SplitMix64 (Steele et al. 2014).
     """

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Golden-ratio step between successive draws along the cumulative weights, modulo 1."""
+"""Step (modulo 1) of the golden-ratio sequence that selects particles by cumulative weight."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -24,9 +24,9 @@ def particles_needed(num_bins, error, quantile):
 
 @njit(cache=True, error_model="numpy")
 def cumulate(weights, cumulated, guide):
-    """Compute cumulative weights, shape (n,), and a guide table, shape (n,), int32, for inverse transform sampling.
+    """Compute cumulative weights, shape (n,), and a lookup table, shape (n,), int32, for drawing particles by weight.
 
-    Entry k of `guide` is the first particle for draws of at least k / n.
+    Entry k of `guide` is the first particle for random numbers of at least k / n.
     """
     n = weights.shape[0]
     total = 0.0
@@ -43,7 +43,7 @@ def cumulate(weights, cumulated, guide):
 
 @njit(cache=True, error_model="numpy")
 def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
-    """Draw particles by weight until KLD-sampling needs no more; return the number drawn.
+    """Resample particles by weight, as many as KLD-sampling needs; return their number.
 
     `particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: normalized, shape (n,). `bins`: histogram
     bin of each particle, shape (n,), int32. `start`: first draw, from 0 to 1. `kld`: `min_particles`, `kld_err`,

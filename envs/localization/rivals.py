@@ -12,28 +12,29 @@ from lidarnaut.envs.geometry import Pose2D
 from .likelihood_field import MAX_ENTRY, LikelihoodField, sum_fields
 
 TOLERANCE = 0.03
-"""Maximum score deficit of an alternative pose relative to the estimate; walls off by one cell cost 0.02."""
+"""Alternative poses score at most this much less than the estimated pose; walls off by one cell cost 0.02."""
 MIN_SEPARATION, MIN_SEPARATION_ANGLE = 0.5, math.radians(20.0)
-"""Minimum distance [m] or heading difference [rad] between distinct poses."""
+"""Poses within this distance [m] and heading difference [rad] count as one pose."""
 MAX_RIVALS = 20
 """Maximum number of alternative poses that explain recent scans."""
 MAX_HITS = 1000
 """Maximum number of beam end points used to score poses."""
 MAX_PENETRATION = 0.2
-"""Maximum distance of a valid beam end point behind a mapped obstacle [m]."""
+"""Beams that end farther behind a mapped obstacle count as passing through the obstacle [m]."""
 DENSITY, MAX_DRAWN = 4000.0, 1_000_000
-"""Initial random poses of a search for alternatives: density in free space [1/m2], and maximum number."""
+"""Random poses that start a search for alternatives: number per free area [1/m2], and maximum number."""
 NUM_SEARCHES = 3
-"""Number of consecutive searches without alternative pose that confirm the estimated pose."""
+"""The estimated pose is confirmed after this number of consecutive searches without alternative pose."""
 MAX_PER_BIN = 4
-"""Maximum number of poses that a search keeps per bin of x, y and heading."""
+"""Maximum number of poses that a search keeps per cell of 0.5 m and 20 degrees, for diversity."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
-"""Search stages for alternative poses: numbers of beam end points and kept poses, standard deviations of random
-steps [m]."""
+"""Stages of a search for alternative poses: number of beam end points that score a pose, number of kept poses, standard
+deviations of random steps [m]."""
 NUM_COPIES, TRACKING_STEPS = 16, (0.03, 0.02, 0.01)
-"""Tracking of alternative poses: number of random copies per pose, standard deviations of random steps [m]."""
+"""Refinement of known poses: number of random copies per pose, standard deviations of their successive random steps
+[m]."""
 STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
-"""Ratio of random steps in x, y and heading to the step size [1, 1, rad/m]."""
+"""Relative size of random steps in x, y and heading [m/m, m/m, rad/m]."""
 
 NO_RIVALS = np.empty((0, 4))
 """Empty table of alternative poses: x, y, heading [m, m, rad] and weight."""
@@ -67,7 +68,7 @@ def count_crossed(field, hits, lidars, margin, pose):
 
 
 def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Return a mask, shape (n,), of `poses` (x, y, heading), shape (3, n), that are distinct from `pose`."""
+    """Return a mask, shape (n,), of `poses` (x, y, heading), shape (3, n), beyond `MIN_SEPARATION` from `pose`."""
     x, y, turn = poses - pose
     return (np.hypot(x, y) > MIN_SEPARATION) | (np.cos(turn) < math.cos(MIN_SEPARATION_ANGLE))
 
@@ -98,11 +99,11 @@ class Rivals:
         self._scans: deque[np.ndarray] = deque(maxlen=num_scans)
         self._num_scans, self._num_updates = num_scans, 0
         self.poses = np.empty((0, 3))
-        """Estimated pose, then alternatives by descending score: x, y, heading, shape (k, 3), frame of the likelihood
-        field [m, m, rad]."""
+        """Estimated pose, then alternatives by descending score: x, y, heading, shape (k, 3), relative to the map's
+        corner [m, m, rad]."""
         self.num_empty = 0
         self.leads = np.empty(0)
-        """Scores of `poses` minus the estimated pose's score, shape (k,), at least -`TOLERANCE`."""
+        """Score of each of `poses` minus the estimated pose's score, shape (k,), at least -`TOLERANCE`."""
 
     def add(self, ranges: np.ndarray, motion: Pose2D) -> None:
         back, geometry = motion.inverse(), self._beams.geometry
@@ -113,13 +114,13 @@ class Rivals:
         self.poses = _move(self.poses, motion)
 
     def table(self, origin: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Return alternative poses after a base motion: x, y, heading, map frame [m, m, rad], and relative weight."""
+        """Return alternative poses after odometry `motion`: x, y, heading, map frame [m, m, rad], and weight."""
         if len(self.poses) <= 1:
             return NO_RIVALS
         return np.column_stack([_move(self.poses + origin, motion), np.exp(self.leads / TOLERANCE)])[1:]
 
     def update(self, pose: Pose2D, rng: np.random.Generator, area: float, draw: Callable[[int], np.ndarray]) -> None:
-        """Track alternative poses. Search the map if none is known, and every `num_scans` updates.
+        """Improve alternative poses; search the map for others if there are none, and every `num_scans` updates.
 
         `area`: free space of the map [m2]. `draw(n)` returns n random poses in free space, shape (3, n), float32.
         """

@@ -15,7 +15,6 @@ SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOM_FRAME = "odom"
-"""Default name of the odometry frame (REP 105)."""
 BASE_FRAMES = ("base_footprint", "base_link")
 """Names tried as base frame if odometry messages have no child frame."""
 

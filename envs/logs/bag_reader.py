@@ -42,7 +42,7 @@ rosbag2.reader.zstd = SimpleNamespace(open=rosbag2.reader.zstd.open, decompress=
 
 
 class _Folder(type(Path())):  # type: ignore[misc]
-    """Folder path without suffix `.bag`, as `rosbags` takes that suffix for ROS 1."""
+    """Folder path that hides the suffix `.bag`, as `rosbags` reads such folders as ROS 1."""
 
     @property
     def suffix(self) -> str:
@@ -69,7 +69,7 @@ class BagReader:
         return sorted(topic for topic, kind in self.types.items() if kind in kinds and self._counts[topic])
 
     def choose(self, kinds: Sequence[str], wanted: str | None, option: str) -> str:
-        """Return the `wanted` topic, or the only topic with a message type in `kinds`."""
+        """Return the `wanted` topic's name, or else the only topic with a message type in `kinds`."""
         found = self.topics(kinds)
         allowed = found if wanted is None else [topic for topic in (wanted, f"/{wanted}") if topic in found]
         if not allowed:

@@ -27,7 +27,6 @@ _FOREVER = QosTime(9223372036, 854775807)
 _RELIABILITY, _DURABILITY = QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL
 _TIMES = _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER
 _LATCHED = Qos(QosHistory.KEEP_LAST, 1, _RELIABILITY, _DURABILITY, *_TIMES, False)
-"""ROS quality of service of latched topics."""
 _LATCHED_TOPICS = ("/map", "/tf_static")
 
 

@@ -19,9 +19,9 @@ from .scans import Limits, LogContent, Scan, common_beams, usable_scans
 from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back, trajectory_errors
 
 MAX_STEP = 100.0
-"""Maximum odometry distance between successive scans [m]."""
+"""Maximum odometry distance between successive scans of a valid log [m]."""
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
-"""Odometry gaps without interpolation: minimum duration [s], and minimum motion [m, rad]."""
+"""Scans in odometry gaps above both this duration [s] and this motion [m or rad] are dropped."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

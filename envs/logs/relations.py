@@ -25,10 +25,10 @@ class RelationError:
 
     translation: float
     translation_std: float
-    """Mean (`translation`) and standard deviation of translation errors [m]."""
+    """Standard deviation of translation errors [m]; `translation` is the mean."""
     rotation: float
     rotation_std: float
-    """Mean (`rotation`) and standard deviation of rotation errors [deg]."""
+    """Standard deviation of rotation errors [deg]; `rotation` is the mean."""
     count: int
 
     def __str__(self) -> str:
@@ -65,7 +65,7 @@ def load_relations(path: str | Path) -> np.ndarray:
 
 
 def load_labelled(path: Path) -> dict[str, np.ndarray]:
-    """Read reference relative poses by label: `relation error` (all), `unambiguous` (optional subset).
+    """Read reference relative poses: all (`relation error`), and a subset, if any (`unambiguous`).
 
     The subset's mask is `unambiguous_relations.npy` in the same folder, shape (n,), bool.
 

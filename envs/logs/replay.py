@@ -29,9 +29,9 @@ from .relations import load_labelled
 from .runs import Run, measure, replay, save_replay
 
 TRUTH = "truth"
-"""Name of the SLAM that uses true poses and cannot run on logs."""
+"""Name of the SLAM that maps at simulated true poses, which logs lack."""
 SPARSE = 0.5
-"""Minimum median distance between scans of a log that counts as sparse [m]."""
+"""Minimum median distance between scans [m] that causes a hint to use the preset `sparse`."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Options:
     slam: str = "tinyslam"
     """SLAM name (`odometry` maps at odometry poses), `all`, or `module:attribute` of your own SLAM."""
     preset: str = "intel"
-    """Parameter preset of the SLAM, or YAML file; `sparse` for about one metre between scans."""
+    """Parameter preset of the SLAM, or YAML file; `sparse` for scans about one metre apart."""
     change: dict[str, str] = field(default_factory=dict)
     """SLAM parameters to change, as `KEY VALUE` pairs."""
     relations: Path | None = None
@@ -54,7 +54,7 @@ class Options:
     seeds: int = 1
     """Number of runs with different random seeds."""
     first_seed: int = 0
-    """Seed of the first run."""
+    """Random seed of the first run, then counted up."""
     max_range: float | None = None
     """Readings of at least this range count as no return [m]; default: the log's limit."""
     min_range: float | None = None

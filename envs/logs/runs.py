@@ -33,7 +33,7 @@ class Replayed(NamedTuple):
     seconds: np.ndarray
     """Computation time per scan, shape (m,), float64 [s]."""
     is_lost: np.ndarray
-    """Whether the pose was lost after each scan, shape (m,), bool."""
+    """Whether the SLAM was lost after each scan, shape (m,), bool."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +49,13 @@ class Run:
     milliseconds_max: float
     """Maximum computation time per scan [ms]."""
     lost_share: float
-    """Share of scans with a lost pose, from 0 to 1."""
+    """Share of scans after which the SLAM was lost, from 0 to 1."""
     conflict_share: float
-    """Share of beams through cells occupied in other scans, at the final poses, from 0 to 1."""
+    """Share of beams that pass through cells occupied in other scans (inconsistent map), from 0 to 1."""
     loop_closures: int | None = None
-    """Number of loop closures; None if not counted."""
     errors: dict[str, RelationError] = field(default_factory=dict)
-    """Errors relative to reference poses, by trajectory and label, such as `final unambiguous`."""
+    """Errors relative to reference poses, by trajectory (`online`, `final`) and set of references, such as `final
+    unambiguous`."""
 
 
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
@@ -94,7 +94,10 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
 def measure(
     log: Log, slam: Estimator, name: str, seed: int, replayed: Replayed, relations: dict[str, np.ndarray]
 ) -> Run:
-    """Evaluate a run; `relations`: reference relative poses by label. ValueError if none lies within the log."""
+    """Return errors and computation times of a SLAM run; `relations`: sets of reference relative poses.
+
+    ValueError if none of a set lies within the log.
+    """
     milliseconds = 1e3 * replayed.seconds
     errors: dict[str, RelationError] = {}
     for when, poses in (("online", replayed.online), ("final", replayed.final)):
@@ -108,7 +111,7 @@ def measure(
 
 
 def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Replayed) -> None:
-    """Write the map, a picture, trajectories and the pose graph, if any.
+    """Write the results of a SLAM run: map, picture, trajectories, and pose graph, if any.
 
     Files: `map_SEED.pgm` and `.yaml`, `map_with_path_SEED.png`, `trajectory_SEED.tum` (final poses),
     `trajectory_online_SEED.tum` if different, `pose_graph_SEED.g2o`.

@@ -12,13 +12,13 @@ from lidarnaut.envs.robots.robot_params import MAX_BEAMS, MAX_LENGTH
 MAX_RANGE_LIMIT = 1000.0
 """Maximum plausible range limit of a lidar [m]; some drivers report inf."""
 SAME_BEAMS = 0.1
-"""Maximum angle difference between equal beams [share of the angle increment]."""
+"""Beam angles that differ by less than this share of the angle increment count as equal."""
 SAME_POSITION = 1e-3
-"""Maximum distance between equal lidar positions [m]."""
+"""Smaller differences between lidar positions are ignored [m]."""
 SAME_SURFACE = 0.1
 """Maximum range difference of adjacent beams on one surface [share of the shorter range]."""
 FULL_TURN, MAX_TURN = 2.0 * math.pi - 1e-6, 2.1 * math.pi
-"""Field of view of a full turn (further beams are dropped), and maximum field of view [rad]."""
+"""Field of view of a full turn (beams beyond are dropped), and maximum valid field of view [rad]."""
 
 
 class Scan(NamedTuple):
@@ -119,11 +119,11 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
 
 
 def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple[float, float, float]]:
-    """Resample scans to common beams; return ranges, shape (m, num_beams), float32 [m], and the beams.
+    """Resample all scans to one set of beams; return ranges, shape (m, num_beams), float32 [m], and the beams.
 
-    The beams are first angle, angle increment [rad] and lidar position [m]. Common beams cover all fields of view at
-    the 10 % quantile of increments. Ranges are interpolated between adjacent beams on one surface, else nearest, and
-    NaN outside of the field of view. Scans of a moving lidar refer to the median position.
+    The beams are first angle, angle increment [rad] and lidar position [m]. They cover all fields of view at the 10 %
+    quantile of increments. Ranges are interpolated between adjacent beams on one surface, else nearest, and NaN outside
+    of the field of view. Scans of a moving lidar refer to the median position.
     """
     counts = np.array([len(scan.ranges) for scan in scans])
     steps, positions = np.array([scan.step for scan in scans]), np.array([scan.position for scan in scans])

@@ -11,11 +11,12 @@ from lidarnaut.envs.geometry import wrap_angle
 MAX_CLOCK_JUMP = 1.0
 """Maximum tolerated backward jump of the clock [s]; the Intel Research Lab log has 0.9 s."""
 MAX_SPEEDS = (5.0, 10.0)
-"""Default limits of plausible odometry: forward speed [m/s] and yaw rate [rad/s]."""
+"""Default speed limits above which odometry counts as faulty: forward [m/s] and yaw rate [rad/s]."""
 CLOCK_JITTER = 0.02
-"""Assumed error of the time between successive odometry poses [s]."""
+"""Error of odometry time stamps that is tolerated when speeds are checked [s]."""
 BURST = 5
-"""Number of odometry poses before and after a motion that yield the mean period, as poses may arrive in bursts."""
+"""Number of odometry poses before and after a motion that determine the mean sampling period, as poses may arrive in
+bursts."""
 MAX_IMPOSSIBLE = 0.05
 """Maximum share of impossible odometry motions. Above this share, no motion is interpolated."""
 MAX_GLITCH = 2.0
@@ -23,7 +24,7 @@ MAX_GLITCH = 2.0
 
 
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
-    """Extend `scan_poses` to all odometry times, by odometry since the last scan: shape (n, 3) [m, m, rad].
+    """Return a pose at each odometry time: the last of `scan_poses`, continued by odometry, shape (n, 3) [m, m, rad].
 
     `odometry`: odometry poses, shape (n, 3). `scan_rows`: index of each scan's odometry pose, shape (m,), ascending.
     """

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation, Slerp
 from .bag_reader import BagReader
 
 MIN_UPRIGHT = 0.9
-"""Minimum vertical component of a usable lidar's z axis (26 degrees of tilt)."""
+"""Minimum vertical component of the lidar's z axis (26 degrees of tilt); scans below are dropped."""
 MIN_LEVEL = 0.996
-"""Minimum vertical component of a level lidar's z axis (5 degrees of tilt)."""
+"""Minimum vertical component of the lidar's z axis without a warning (5 degrees of tilt)."""
 UNIT_TOLERANCE = 0.01
 """Maximum error of a quaternion's squared norm, as in tf2."""
 SAME_TRANSFORM = 1e-6
-"""Maximum variation of a transform that counts as constant [m, or quaternion component]."""
+"""Transforms that vary by less count as constant [m, or quaternion component]."""
 
 
 class FrameTree:
@@ -61,12 +61,12 @@ class FrameTree:
         return sorted({*self._rows, *(parent for parents in self._rows.values() for parent in parents)})
 
     def parents(self, frame: str) -> list[str]:
-        """Return the parent frames of a frame: static first, then by number of transforms."""
+        """Return all parent frames of a frame: static transforms first, then by descending number of transforms."""
         rows = self._rows.get(frame, {})
         return sorted(rows, key=lambda parent: ((frame, parent) not in self._static, -len(rows[parent])))
 
     def above(self, frame: str) -> list[str]:
-        """Return the names of a frame and its ancestors in the tree."""
+        """Return the names of a frame and its ancestors up to the root."""
         names = [frame]
         while (parents := self.parents(names[-1])) and parents[0] not in names:  # stops at cycles
             names.append(parents[0])

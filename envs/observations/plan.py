@@ -16,9 +16,8 @@ from lidarnaut.envs.simulation import Twist
 LOOKAHEADS = (0.3, 0.6, 1.5)
 """Lookahead distances along a path [m]."""
 WIDTH = 2 * len(LOOKAHEADS) + 3
-"""Number of features per frontier."""
 WINDOW = 60
-"""Number of path points that are searched for the point nearest to the robot."""
+"""Number of path points, from the last nearest, that are searched for the point nearest to the robot."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,7 +20,7 @@ GOAL_RANGE = 32.0
 NEAR_RANGE = 10.0
 """Distance to the goal that the observation `NearGoal` normalizes to 1 [m]."""
 GOAL_MEMORY = "goal"
-"""Key of the task state array that begins with the goal (x, y), map frame [m]."""
+"""Key of a task's state array; each robot's row begins with the goal (x, y), map frame [m]."""
 PEERS_RANGE = 16.0
 """Teammate offset per axis that is normalized to 1 [m]: half the side of the map crop `map_far`."""
 PEOPLE_RANGES = np.array([8.0, 8.0, 2.5, 2.5, 1.0])
@@ -51,7 +51,7 @@ class Goal:
 
 @njit(cache=True, error_model="numpy")
 def write_goals(rows, goals, tells_distance, active, out):
-    """Write distance and bearing features of goals for robots with `active` True to `out`, shape (n, 4) or (n, 2)."""
+    """Write the observation `NearGoal` to `out`, shape (n, 4), or (n, 2) without distance; `active`: written robots."""
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]
@@ -145,7 +145,6 @@ class Tracks:
     """
 
     def __init__(self, num_people: int = 8) -> None:
-        """Set the maximum number of observed people."""
         if not (is_whole(num_people) and num_people > 0):
             raise ValueError(f"num_people of tracks must be whole and positive, got {num_people!r}")
         self._num_people = num_people

@@ -14,12 +14,12 @@ from lidarnaut.envs.task import RowPart
 TIME_RANGE = 600.0
 """Time since the reset that is normalized to 1 [s]; normalizing by the time limit would leak the size of the world."""
 SPEED_RANGE = 2.0
-"""Maximum forward speed that is normalized to 1 [m/s]."""
+"""Robot's maximum forward speed that the observation `Limits` normalizes to 1 [m/s]."""
 
 
 @njit(cache=True, error_model="numpy")
 def scale_scans(ranges, range_max, active, scans):
-    """Write `ranges` / `range_max` of robots with `active` True to `scans`, shape (n, num_beams), float32."""
+    """Write scans / `range_max` to `scans`, shape (n, num_beams), float32; `active`: robots to write (mask)."""
     scale = np.float32(1.0 / range_max)
     for k in range(ranges.shape[0]):
         if active[k]:
@@ -43,7 +43,7 @@ class Scan(RowPart):
 
 @njit(cache=True, error_model="numpy")
 def scale_motions(rows, limits, active, out):
-    """Write speeds, action, contact and time of robots with `active` True to `out`, shape (n, 6), float32."""
+    """Write the observation `Motion` to `out`, shape (n, 6), float32; `active`: robots to write (mask)."""
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]

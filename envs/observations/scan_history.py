@@ -17,15 +17,15 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 NEARNESS = 0.5
-"""Gap from footprint to obstacle that is normalized to 0.5 [m]."""
+"""Distance of an obstacle from the footprint that is encoded as 0.5 [m]."""
 MAX_LAG = 1000
 """Maximum age of an observed scan [control periods]."""
 SURFACE_STEP = 0.5
 """Maximum range difference between neighbouring sectors (groups of beams) on one surface [m]."""
 MAX_FILL_SECTORS = 8
-"""Maximum number of sectors (groups of beams) across which a surface is interpolated."""
+"""Maximum gap between neighbouring points of a past scan that is filled by interpolation [sectors]."""
 MOTION = 3
-"""Number of values before the ranges of a stored scan: motion x, y, heading since the previous scan."""
+"""Number of values stored before each scan: motion x, y, heading since the previous scan."""
 
 
 class Sectors(NamedTuple):
@@ -86,8 +86,8 @@ def _angle(x, y):
 def shift_sectors(ranges, motion, sectors, seen, polar):
     """Transform sector ranges of a past scan to the current base pose; write the minimum per sector to `seen` [m].
 
-    Ranges are interpolated between neighbouring sectors (groups of beams) on one surface. No return is 1e6 m. `motion`:
-    base motion since the scan. `seen`: initially inf. `polar`: scratch.
+    Ranges are interpolated between neighbouring sectors (groups of beams) on one surface. A range without return
+    becomes 1e6 m. `motion`: base motion since the scan. `seen`: initially inf. `polar`: scratch.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
     x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
@@ -119,10 +119,10 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
 
 @njit(cache=True, error_model="numpy")
 def write_history(rows, ranges, memory, active, out, lags, sectors, compensates):
-    """Store the scan of each robot with `active` True, and write recent scans to `out`.
+    """Store each robot's scan, and write recent scans to `out`, shape (n, len(lags) * sectors), float32.
 
-    `out`: shape (n, len(lags) * sectors), float32. `memory`: ring buffers of scans, shape (n, slots * (MOTION +
-    sectors)), float32. `lags`: ages, increasing [control periods].
+    `memory`: ring buffers of scans (motion x, y, heading, then sector ranges). `lags`: ages, increasing [control
+    periods]. `active`: robots to write (mask).
     """
     count = sectors.directions.shape[1]
     seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)
@@ -178,7 +178,6 @@ class ScanHistory(RowPart):
         self._shown: tuple[np.ndarray, Sectors, bool]
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return the observation space; ValueError for more sectors than beams."""
         if self._num_sectors > robot.lidar.num_beams:
             raise ValueError(
                 f"scan_history cannot make {self._num_sectors} sectors of the {robot.lidar.num_beams} beams of robot "

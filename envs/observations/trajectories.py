@@ -30,25 +30,26 @@ TURNS = -1.0, -0.65, -0.4, -0.225, -0.1, 0.0, 0.1, 0.225, 0.4, 0.65, 1.0
 TWISTS = np.array([(v, w) for v in SPEEDS for w in TURNS], dtype=np.float32)
 """Candidate velocity commands: fractions of maximum speed and yaw rate, shape (66, 2), float32."""
 NUMBERS, END, TURN = 8, slice(4, 6), 6
-"""Number of features per velocity command, slice of the end position, and index of the heading change."""
+"""Feature vector of a velocity command: length, slice of the end position, and index of the heading change."""
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
 """Duration of a velocity command, time step of the collision check, and prediction horizon [s]."""
 LINE_TIME = 1.0
-"""Duration of straight driving after a velocity command [s]; the observed end position is at half of this time."""
+"""Duration of straight driving after a velocity command that is checked for near walls [s]; the observed end position
+is halfway."""
 NEAR_WALL, NEAR_PERSON, DECAY_TIME = 0.4, 0.8, 1.5
 """Maximum gaps to walls and people that count as near [m], and decay time of nearness to people [s]."""
 SMALL_GAP = 0.1
-"""Gap to walls that is normalized to 1 [m]."""
+"""Gap to walls that is observed as 1, the maximum [m]."""
 MAX_POINTS, MAX_RANGE = 120, 6.0
-"""Maximum number and maximum range [m] of scan points used for prediction."""
+"""Maximum number and maximum range [m] of lidar end points that count as walls."""
 PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
-"""Maximum distance of a walking person's scan points from the person's edge [m], and minimum walking speed [m/s]."""
+"""Scan points this near to a walking person's edge [m] are not walls; minimum walking speed [m/s]."""
 WALL_MARGIN = 0.02
-"""Minimum clearance to wall points [m], reduced if the robot is already nearer."""
+"""Clearance to walls that counts as contact [m], reduced if the robot is already nearer."""
 REAR_ANGLE = 0.35
-"""Maximum angle between a beam and the backward direction for a view of the rear [rad]."""
+"""The lidar sees the rear if a beam is within this angle of the backward direction [rad]."""
 STATE, STEPS = 9, 8
-"""Length of the people tracker's state vector, and index of the entry for the last processed control period."""
+"""Length of the people tracker's state vector, and index of the number of the last tracked control period."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -82,7 +83,7 @@ def find_walls(ranges, frame, people, points):
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})  # infinity is used
 def predict_outcomes(now, limits, points, people, twists, out):
-    """Write predicted contacts, gaps and end position of each velocity command to `out`, shape (n, 8), float32.
+    """Predict contacts, gaps and end position for each velocity command; write them to `out`, shape (n, 8), float32.
 
     `now`: forward speed and yaw rate [m/s, rad/s]. `limits`: maximum speeds, accelerations, footprint radius, and
     whether the lidar sees the rear. `points`: walls, shape (2, k), base frame [m]. `people`: x, y, vx, vy, radius,
@@ -156,9 +157,9 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
 @njit(cache=True, error_model="numpy")
 def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twists, out):
-    """Track people once per control period, and write predicted outcomes to `out`, shape (n, 66, 8), float32.
+    """Track people once per control period, and write features of 66 velocity commands to `out`, float32.
 
-    `memory`: people tracker's state, tracks, past scans and lidar poses of each robot.
+    `out`: shape (n, 66, 8). `memory`: per robot, the people tracker's state, tracks, past scans and lidar poses.
     """
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
     clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))

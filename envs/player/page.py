@@ -15,9 +15,7 @@ from lidarnaut.envs.files import printable
 from .recording import NO_RETURN, RANGE_STEPS, Recording
 
 MAX_EPISODES = 2
-"""Maximum number of episodes per page."""
 SCRIPTS = ("data.js", "view.js", "panels.js", "plots.js", "player.js")
-"""JavaScript files of the page, in loading order."""
 
 
 def build_page(recordings: Sequence[Recording]) -> str:

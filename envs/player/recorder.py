@@ -20,7 +20,6 @@ from .recording import BODY_KINDS, CANDIDATE_COLUMNS, FREE, NO_RETURN, OCCUPIED,
 PERIOD = 0.5
 """Sampling period [s]."""
 MAX_BEAMS = 90
-"""Maximum number of recorded beams per scan."""
 PLAN_TOLERANCE = 0.03
 """Maximum deviation of a recorded path, simplified to corners, from the planned path [m]."""
 
@@ -32,7 +31,7 @@ class EpisodeRecorder:
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None) -> None:
-        """Attach to an environment; the next call must be the environment's `reset`.
+        """Prepare to record an environment, beginning with its next `reset`.
 
         Frontier candidates are recorded if the explorer's `navigator` is a `FrontierNavigator`, with the explorer's
         `scores`.
@@ -170,7 +169,7 @@ class EpisodeRecorder:
 
 
 class MapHistory:
-    """Recorded changes of an occupancy grid that may grow or be redrawn."""
+    """Changes of a map between recorded samples; the map may grow or be redrawn."""
 
     def __init__(self, grid: OccupancyGrid) -> None:
         self._resolution, self._first = grid.resolution, grid.origin

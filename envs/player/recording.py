@@ -12,11 +12,10 @@ import numpy as np
 from lidarnaut.envs.files import open_archive
 
 FORMAT = 3
-"""Version of the file format."""
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 """Cell values of recorded maps."""
 RANGE_STEPS = 254
-"""Number of quantization steps from 0 to the lidar's maximum range."""
+"""Integer that stands for the lidar's maximum range in recorded scans."""
 NO_RETURN, NO_MEASUREMENT = 255, 0
 """Values in recorded scans for beams without return, and for lost beams."""
 BODY_KINDS = ("attentive", "blind", "standing", "fixed_route")
@@ -25,13 +24,12 @@ CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
 and score (NaN if unknown)."""
 _ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "track_ends": "tracks", "candidate_ends": "candidates"}
-"""Names of arrays with end indices, and of the arrays divided by these indices into samples or decisions."""
 
 _FACTS = ("explorer", "world", "robot", "radius", "lidar", "progress", "start", "map", "floor", "figures")
 
 
 def ends_of(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the end index of each array in the concatenation of `parts`, shape (n,)."""
+    """Return the end index of each of n arrays in their concatenation, shape (n,)."""
     return np.cumsum([0, *map(len, parts)])[1:]
 
 
@@ -62,23 +60,24 @@ class Recording:
     scans: Annotated[np.ndarray, np.uint8, "n", "beams"]
     """Ranges of some beams, quantized in steps of `range_max / RANGE_STEPS` [m]."""
     map_cells: Annotated[np.ndarray, np.int32, "changes"]
-    """Flat indices of changed map cells, ascending within a sample."""
+    """Flat indices of the map cells that changed since the previous sample, for all samples."""
     map_changes: Annotated[np.ndarray, np.uint8, "changes"]
-    """Exclusive or of a changed cell's values before and after the change."""
+    """Bitwise exclusive or of each changed cell's values (0 unknown, 1 free, 2 occupied) before and after."""
     map_ends: Annotated[np.ndarray, np.int32, "n"]
-    """End index in `map_cells` of each sample's changes."""
+    """Index in `map_cells` where each sample's changes end."""
     plans: Annotated[np.ndarray, np.float32, "corners", 2]
-    """Corners of planned paths, map frame [m]."""
+    """Corners of all planned paths, map frame [m]."""
     plan_ends: Annotated[np.ndarray, np.int32, "n"]
-    """End index in `plans` of each sample's planned path."""
+    """Index in `plans` where each sample's planned path ends."""
     decision_times: Annotated[np.ndarray, np.float32, "m"]
     """Time of each frontier decision [s]."""
     decision_chosen: Annotated[np.ndarray, np.int32, "m"]
     """Index of the chosen candidate frontier per decision; -1 if none was chosen."""
     candidates: Annotated[np.ndarray, np.float32, "candidates", len(CANDIDATE_COLUMNS)]
-    """Candidate frontiers of all decisions: x, y, map frame [m], path cost [m], visible area [m2], failures, score."""
+    """Frontiers offered at all choices of a goal: x, y, map frame [m], path cost [m], visible unknown area [m2], failed
+    attempts, score."""
     candidate_ends: Annotated[np.ndarray, np.int32, "m"]
-    """End index in `candidates` of each decision's frontiers."""
+    """Index in `candidates` where each decision's frontiers end."""
     segments: Annotated[np.ndarray, np.float32, "segments", 4]
     """True walls as (x0, y0, x1, y1), world frame [m]."""
     circles: Annotated[np.ndarray, np.float32, "circles", 3]
@@ -90,11 +89,11 @@ class Recording:
     people: Annotated[np.ndarray, np.float32, "n", "coordinates"]
     """True x, y, vx, vy of people and other robots, flattened per sample, world frame [m, m/s]."""
     tracks: Annotated[np.ndarray, np.float32, "tracks", 5]
-    """Tracked people: x, y, vx, vy, radius, map frame [m, m/s]."""
+    """Tracked people of all samples: x, y, vx, vy, radius, map frame [m, m/s]."""
     track_ends: Annotated[np.ndarray, np.int32, "n"]
-    """End index in `tracks` of each sample's people."""
+    """Index in `tracks` where each sample's people end."""
     floor: Annotated[np.ndarray, np.uint8, "rows", "columns"]
-    """Mask of cells to explore, world frame; a single 0 if the task defines none."""
+    """Grid, world frame: 1 for cells to explore, else 0; a single 0 if the task defines none."""
 
     @classmethod
     def of(cls, about: dict[str, Any], **arrays: Any) -> "Recording":

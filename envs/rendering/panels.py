@@ -19,12 +19,10 @@ from .scene import Scene, people_in
 from .view import View
 
 SUPERSAMPLING = 2
-"""Supersampling factor of panels, for antialiasing."""
 _NO_ALPHA_MASK = (0xFF0000, 0xFF00, 0xFF, 0)
 _VISIBLE_SIDE = 4
-"""Minimum drawn side of occupied cells [px]."""
+"""Minimum drawn side of occupied map cells [px]."""
 MAX_PARTICLES = 3000
-"""Maximum number of drawn particles."""
 _SOLID_MARK = (255, 255, 255)
 
 
@@ -77,7 +75,7 @@ def _draw_beams(surface: pygame.Surface, scene: Scene, view: View) -> None:
 
 
 def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return lidar position, shape (2,), and beam end points, shape (num_beams, 2), in the frame `pose` refers to [m].
+    """Return lidar position, shape (2,), and beam end points, shape (num_beams, 2), in the parent frame of `pose` [m].
 
     Beams without return end at the maximum range, lost beams at the lidar.
     """

@@ -51,7 +51,6 @@ class Typesetter:
         }
 
     def write(self, surface: pygame.Surface, text: str, kind: str = "label", **anchor: tuple[int, int]) -> pygame.Rect:
-        """Write text as a `label`, `title` or `number`; `anchor`: position, as in `pygame.Surface.get_rect`."""
         font, colour = self._fonts[kind]
         rendered = font.render(text, True, colour)
         return surface.blit(rendered, rendered.get_rect(**anchor))
@@ -64,7 +63,7 @@ class Typesetter:
 
 
 class Picture:
-    """Painter of scenes (moments of an episode) on a cached background."""
+    """Painter of pictures of an episode; titles and legends are painted once."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         """Lay out a picture of `size` (width, height) [px]."""

@@ -9,7 +9,6 @@ from .scene import Scene
 
 MODES = ("human", "rgb_array")
 SIZE = (1280, 720)
-"""Width and height of pictures [px]."""
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # keeps standard output clean
 _INVISIBLE_DRIVERS = ("dummy", "offscreen")
 

@@ -30,7 +30,7 @@ class Scene:
     time: float
     """Time since the reset [s]."""
     collisions: int
-    """Number of contacts of all robots since the reset."""
+    """Number of collisions of all robots since the reset."""
     start: Pose2D
     """Pose of the map frame in the world frame."""
     people: np.ndarray
@@ -44,17 +44,13 @@ class Scene:
     progress: float
     """Share of the task completed, from 0 to 1."""
     progress_label: str = "explored"
-    """Name of the progress measure."""
     goal: Pose2D | None = None
     """Goal pose, map frame."""
     particles: np.ndarray | None = None
     """Particles of the localizer x, y, heading, shape (n, 3), map frame [m, m, rad]."""
     has_known_map: bool = False
-    """Whether the robot has the map in advance."""
     pose_graph: PoseGraphView | None = None
-    """Pose graph of the SLAM, if any."""
     peers: tuple["Scene", ...] = ()
-    """Scenes of the other robots of the team."""
 
     @property
     def estimated_pose(self) -> Pose2D:
@@ -68,7 +64,7 @@ class Scene:
 
 
 def people_in(tracks: np.ndarray, frame: Pose2D) -> np.ndarray:
-    """Transform people (x, y, vx, vy, radius), shape (n, 5) [m, m/s], from a frame to the parent frame."""
+    """Transform people (x, y, vx, vy, radius), shape (n, 5) [m, m/s], from the frame at pose `frame` to its parent."""
     velocities = Pose2D(0.0, 0.0, frame.theta).transform(tracks[:, 2:4])
     return np.column_stack([frame.transform(tracks[:, :2]), velocities, tracks[:, 4]])
 

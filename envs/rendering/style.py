@@ -18,7 +18,7 @@ NODE: Colour = (222, 205, 190)
 LOOP: Colour = (204, 121, 167)
 LIDAR: Colour = (86, 180, 233)
 SEEN_ALPHA, BEAM_ALPHA = 70, 130
-"""Opacity of the scanned area and of beams, from 0 to 255."""
+"""Opacity of the scanned area and of lidar beams, from 0 to 255."""
 PERSON: Colour = (230, 159, 0)
 
 FLOOR: Colour = (255, 255, 255)
@@ -26,7 +26,7 @@ SOLID: Colour = (122, 133, 147)
 WALL: Colour = (46, 56, 69)
 OUTSIDE: Colour = (226, 230, 235)
 LEFT_OUT: Colour = (238, 214, 175)
-"""Color of free map cells that are not part of the world."""
+"""Color of free map cells that are not connected to the simulated area."""
 
 FREE: Colour = (255, 255, 255)
 OCCUPIED: Colour = (30, 36, 46)
