@@ -16,9 +16,9 @@ from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")
 MIN_RATIO_VALUE = 1.0
-"""Minimum time or distance in ratios [s, m]; smaller values are clipped."""
+"""Lower limit of times [s] and distances [m] before ratios are computed."""
 MARKS = (0.95, 0.99)
-"""Explored fractions of the columns "below 95 %" and "below 99 %" of unfinished explorations."""
+"""Explored fractions below which episodes are counted in the table of unfinished episodes."""
 DRIFT = 0.3
 """Position RMSE above which a map counts as drifted [m]."""
 REASONS = {
@@ -34,7 +34,7 @@ def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cel
 
 
 def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
-    """Return the leaderboard: one row per policy, ranked by the headline measure."""
+    """Return the leaderboard: one row per policy, ranked by the task's main measure, and one column per measure."""
     columns = [marked(episodes.standing(measure), measure) for measure in shown]
     lines = []
     for k, policy in enumerate(episodes.standing(episodes.measures.headline), start=1):
@@ -44,7 +44,10 @@ def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
 
 
 def ranking_sections(episodes: Episodes) -> list[Section]:
-    """Return the leaderboard; if a learned policy takes part, first for held-out starts, then for all."""
+    """Return the report sections with the leaderboard.
+
+    If a learned policy takes part, the first section is restricted to worlds or robots not used in training.
+    """
     headline, shown = episodes.measures.headline, episodes.measures.shown
     text = (
         f"Ranked by {headline.label}{f': {headline.note}' if headline.note else ''}. Interquartile means over all "
@@ -86,7 +89,10 @@ def measures_section(episodes: Episodes) -> Section:
 
 
 def gap_section(episodes: Episodes) -> Section | None:
-    """Return a section with the gap to the ground-truth bound that each policy closes; None without a bound."""
+    """Return a report section with the share of the gap from reference policy to oracle that each policy closes.
+
+    The oracle uses ground truth. None without an oracle.
+    """
     closed = {policy: found for policy in episodes.policies if (found := episodes.gaps_closed(policy))}
     if not closed:
         return None
@@ -103,7 +109,10 @@ def gap_section(episodes: Episodes) -> Section | None:
 
 
 def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | None:
-    """Return a section with paired differences and ratios of every policy to the reference, if there are any."""
+    """Return a report section that compares each policy with the reference policy from the same starts.
+
+    The table has differences, ratios and probabilities of improvement. None if no episodes can be paired.
+    """
     reference, marks = episodes.reference, episodes.measures.marks
     lines = []
     for policy in episodes.policies:
@@ -154,9 +163,9 @@ def worlds_section(episodes: Episodes) -> Section:
 
 
 def axis_section(episodes: Episodes, axis: str) -> Section | None:
-    """Return a paired comparison of the values of a condition such as SLAM; None if there is only one value.
+    """Return a report section on the effect of one condition, such as SLAM or physics; None if all values are equal.
 
-    Differences are to the base value: `truth`, or the first one.
+    The same policies are compared from the same starts. Differences are to the value `truth`, or to the first value.
     """
     measures, values = episodes.measures, list(dict.fromkeys(row[axis] for row in episodes))
     if len(values) < 2:
@@ -186,7 +195,7 @@ def axis_section(episodes: Episodes, axis: str) -> Section | None:
 
 
 def unfinished_section(episodes: Episodes) -> Section:
-    """Return a section with the unfinished episodes by policy and world, and their end reasons."""
+    """Return a report section that counts unfinished episodes and their end reasons, by policy and world."""
     is_covering = "area_left" in {measure.name for measure in episodes.measures.own}
     lines = []
     for policy in episodes.policies:

@@ -1,4 +1,4 @@
-"""Traces of episodes: progress, estimated path, and growth of the map."""
+"""Recorded data of episodes for plots: progress, estimated path, and growth of the map."""
 
 import io
 import re
@@ -21,27 +21,27 @@ WHAT, HINT = "trace of an episode", "choose another --out, or remove the folder"
 
 
 class ProgressCurve(NamedTuple):
-    """Progress over an episode: samples at the reset and after every step, shape (n,), float64."""
+    """Task progress at the reset and after every step: shape (n,), float64 when recorded, float32 when loaded."""
 
     time: np.ndarray
     """Time since the reset [s]."""
     path_length: np.ndarray
     """True distance driven, summed over robots [m]."""
     progress: np.ndarray
-    """Task progress, 0 to 1."""
+    """Share of the task completed, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """Trace of an episode; trail and map in the map frame, walls and start in the world frame."""
+    """Progress, path and map of an episode. Path and map are in the map frame, true obstacles in the world frame."""
 
     curve: ProgressCurve
     trail: np.ndarray
-    """Estimated positions of the first robot, shape (n, 2), float32 [m]."""
+    """Estimated positions (x, y) of the first robot, shape (n, 2), float32 [m]."""
     grid: OccupancyGrid
     """Final map, cropped to known cells."""
     known_since: np.ndarray
-    """Time of first observation of each map cell, float32 [s]; inf if unobserved."""
+    """Time when each map cell was first observed, shape (rows, columns), float32 [s]; inf if unobserved."""
     start: Pose2D
     """Pose of the map frame in the world frame."""
     segments: np.ndarray
@@ -51,7 +51,7 @@ class Trace:
 
     @property
     def has_grown(self) -> bool:
-        """Whether the map has grown after the reset."""
+        """Whether the map gained cells after the reset."""
         known = self.known_since[np.isfinite(self.known_since)]
         return bool(known.size and known.max() > known.min())
 
@@ -82,7 +82,7 @@ class Trace:
 
 
 class Recorder:
-    """Records the trace of an episode; pass `watch` to `run_episode`."""
+    """Records progress, path and map growth of an episode. Pass `watch` as `on_step` to `run_episode`."""
 
     def __init__(self, env: LidarEnv) -> None:
         self._env = env
@@ -144,6 +144,6 @@ def load_curve(folder: Path, row: Row) -> ProgressCurve:
 
 
 def slug(name: str) -> str:
-    """Return a unique file name part for a name or path."""
+    """Convert a name or path to a file name; changed names get a checksum, so that file names are unique."""
     simple = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_")
     return name if simple == name else f"{simple[-60:]}-{zlib.crc32(name.encode()):08x}"
