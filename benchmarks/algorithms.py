@@ -69,12 +69,11 @@ class TaskResults:
 
     @property
     def classic(self) -> str:
-        """Name of the best classic policy without access to ground truth; empty if there is none."""
+        """Name of the best classic policy without access to ground truth, if any."""
         return next((name for name in self.references if name != RANDOM and not name.endswith(GROUND_TRUTH)), "")
 
     @property
     def sign(self) -> float:
-        """Sign of the measure: 1 if higher values are better, else -1."""
         return 1.0 if self.measure.higher_is_better else -1.0
 
 
@@ -121,7 +120,6 @@ def _numbers(text: object) -> np.ndarray:
 
 
 def difference(task: TaskResults, algorithm: str, policy: str) -> Estimate:
-    """Return the final score of an algorithm minus the score of a policy in the same episodes."""
     return score(task.scores[algorithm][-1] - task.references[policy])
 
 

@@ -136,7 +136,6 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
 
 @contextlib.contextmanager
 def running(scenes: Sequence[Scene], work: Path) -> Iterator[None]:
-    """Run the evaluations in a background process during the `with` block."""
     with interrupts_held():
         process = multiprocessing.get_context("spawn").Process(target=_run, args=(scenes, work), daemon=True)
         process.start()
@@ -155,7 +154,6 @@ def _run(scenes: Sequence[Scene], work: Path) -> None:
 
 
 def show(scene: Scene, work: Path, jobs: int, console: Console) -> Section:
-    """Finish the evaluation of pretrained policies in a scene, and return its section of the report."""
     evaluation = Evaluation(scene.settings, work / scene.folder)
     run_with_progress(evaluation, jobs, console, record=True)
     print_results(evaluation, publish(evaluation), console)
@@ -170,7 +168,6 @@ def show(scene: Scene, work: Path, jobs: int, console: Console) -> Section:
 
 
 def describe_learning(evaluations: Sequence[CurveRow], task: str) -> str:
-    """Return a sentence with the success rates of PPO before and after training, and of classic policies."""
     shares = [float(row["success"]) for row in evaluations if row["policy"] in LEARNED_NAMES]
     others = [row for row in evaluations if row["policy"] not in LEARNED_NAMES]
     rivals = ", ".join(f"{row['policy']} {float(row['success']):.0%}" for row in others)

@@ -30,9 +30,7 @@ WORLDS = {
     "lidarnaut/ExploreTeam-v0": "rrt_house",
     "lidarnaut/Navigate-v0": "turtlebot3_house",
 }
-"""Worlds shown instead of an environment's default, by environment id."""
 SEEDS = {"lidarnaut/Navigate-v0": 3}
-"""Episode seeds by environment id; 0 for other ids."""
 
 
 class Film:
@@ -82,7 +80,6 @@ def save_film(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> Non
 
 
 def _palette(frames: Sequence[np.ndarray]) -> Image.Image:
-    """Return an image with a palette of the most frequent colours of the frames."""
     packed = np.concatenate([frame.reshape(-1, 3) @ np.array([1 << 16, 1 << 8, 1]) for frame in frames])
     values, counts = np.unique(packed, return_counts=True)
     values = values[np.argsort(-counts, kind="stable")]

@@ -29,7 +29,6 @@ def case_of(row: Row) -> Case:
 
 
 def start_of(row: Row) -> tuple[Case, int]:
-    """Return conditions and seed of an episode. Policies are compared in episodes with equal values."""
     return case_of(row), row["seed"]
 
 
@@ -68,12 +67,11 @@ class Episodes:
 
     @property
     def bound(self) -> str | None:
-        """Name of the first policy with access to ground truth, an upper bound of performance; None without one."""
+        """Name of the first policy with access to ground truth, if any."""
         return next(filter(is_bound, self.policies), None)
 
     @cached_property
     def labels(self) -> dict[Case, str]:
-        """Table label of each combination of conditions: the world, and the conditions that vary in this world."""
         cases = list(dict.fromkeys(map(case_of, self)))
         labels = {}
         for case in cases:
@@ -97,7 +95,7 @@ class Episodes:
     def unseen(self) -> "Episodes":
         """Return the episodes in worlds or with robots not used in training.
 
-        The result is empty if no policy is learned, or if it would contain all episodes.
+        The result is empty without learned policies, or if all episodes qualify.
         """
         found = self.where(lambda row: is_held_out(row["world"], row["robot"]))
         return found if len(found) < len(self) and any(row["model"] for row in self) else Episodes((), self.measures)
@@ -112,10 +110,10 @@ class Episodes:
         return self.where(lambda row: start_of(row) in starts)
 
     def related(self, reference: str | None = None) -> "Episodes":
-        """Return the episodes with `Measures.reached` and `Measures.relative` added.
+        """Return the episodes with added columns: threshold reached, and times and distances relative to a reference.
 
-        Tables, curves and summary need them. Relative values are shares of the reference's value from the same start,
-        or of its limit if not reached.
+        Relative values are divided by those of the reference policy from the same start, or by its limit if the
+        reference missed the threshold (such as 95 % explored).
         """
         references = self.by_start(reference or self.reference) if self.rows else {}
         related = []
@@ -137,14 +135,14 @@ class Episodes:
     def pairs(self, a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Return a measure of two policies in episodes with equal conditions and seed.
 
-        Each list has one array per combination of conditions; paired episodes have equal indices.
+        Both lists have one array per combination of conditions, in equal order.
         """
         theirs = self.by_start(b)
         shared = [row for row in self.of(a) if measure.name in row and start_of(row) in theirs]
         return _strata(shared, measure), _strata([theirs[start_of(row)] for row in shared], measure)
 
     def estimate(self, policy: str, measure: Measure) -> Estimate:
-        """Estimate a measure of a policy over all cases: an interquartile mean, or a proportion for binary measures.
+        """Return the interquartile mean of a measure for a policy, or the proportion for a binary measure.
 
         Raises:
             ValueError: if no episode has this measure.
@@ -174,10 +172,9 @@ class Episodes:
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
 
     def gaps_closed(self, policy: str) -> dict[str, Estimate]:
-        """Return the share of the gap from reference policy to upper bound that a policy closes, by measure.
+        """Return the share of the gap from reference to ground-truth policy that a policy closes, by measure.
 
-        The upper bound is a policy with access to ground truth. Only episodes that all three policies have run count.
-        The result is empty without a bound, and for the reference and the bound.
+        The result is empty for the reference itself, and without a policy that uses ground truth.
         """
         if self.bound is None or policy == self.reference or is_bound(policy):
             return {}

@@ -44,10 +44,7 @@ class Key(NamedTuple):
 
 
 def columns_of(measures: Measures) -> Readers:
-    """Return the columns of `episodes.csv`, each with a function that parses its text.
-
-    Columns are the identifier of the episode, the hash of the policy's weights, measures, end reason and limits.
-    """
+    """Return the columns of `episodes.csv`, each with a function that parses its text."""
     own = {measure.name: int if measure.is_share else float for measure in measures.all}
     ending = {"end_reason": str, "duration": float, "time_limit": float, "distance_limit": float}
     return {**Key.__annotations__, "model": str, **own, **ending}
@@ -56,8 +53,8 @@ def columns_of(measures: Measures) -> Readers:
 class Records:
     """Results in an evaluation folder: one CSV row per episode, appended as soon as the episode ends.
 
-    Machines that share a folder each run a part (shard) of the evaluation, write a separate file such as
-    `episodes-1of4.csv`, and read all files.
+    Machines that share the folder run parts (shards), write separate files such as `episodes-1of4.csv`, and read all
+    files.
     """
 
     def __init__(
@@ -74,7 +71,7 @@ class Records:
             folder: evaluation folder.
             columns: names and parsers of the columns of `episodes.csv`.
             settings: settings common to all episodes.
-            shard: part of the evaluation that this process runs, such as `1of4`; empty for the whole.
+            shard: part of the evaluation to run, such as `1of4`; empty for all.
             worlds: paths or `module:attribute` of user-defined worlds, by name.
 
         Raises:
@@ -93,7 +90,7 @@ class Records:
         self._read()
 
     def begin(self) -> None:
-        """Read the rows of other processes before adding rows; raise ValueError on conflicting settings or shards."""
+        """Read the rows of other processes; raise ValueError on conflicting settings or shards."""
         self._read()
         if self._shard:
             number, _, total = self._shard.partition("of")

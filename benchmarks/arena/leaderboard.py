@@ -44,10 +44,7 @@ def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
 
 
 def ranking_sections(episodes: Episodes) -> list[Section]:
-    """Return the report sections with the leaderboard.
-
-    If a learned policy takes part, the first section is restricted to worlds or robots not used in training.
-    """
+    """Return the leaderboard; with a learned policy, first a leaderboard of worlds or robots not used in training."""
     headline, shown = episodes.measures.headline, episodes.measures.shown
     text = (
         f"Ranked by {headline.label}{f': {headline.note}' if headline.note else ''}. Interquartile means over all "
@@ -89,10 +86,6 @@ def measures_section(episodes: Episodes) -> Section:
 
 
 def gap_section(episodes: Episodes) -> Section | None:
-    """Return a report section with the share of the gap from reference policy to oracle that each policy closes.
-
-    The oracle uses ground truth. None without an oracle.
-    """
     closed = {policy: found for policy in episodes.policies if (found := episodes.gaps_closed(policy))}
     if not closed:
         return None
@@ -109,10 +102,7 @@ def gap_section(episodes: Episodes) -> Section | None:
 
 
 def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | None:
-    """Return a report section that compares each policy with the reference policy from the same starts.
-
-    The table has differences, ratios and probabilities of improvement. None if no episodes can be paired.
-    """
+    """Return a report section that compares each policy with the reference policy from the same starts."""
     reference, marks = episodes.reference, episodes.measures.marks
     lines = []
     for policy in episodes.policies:
@@ -163,10 +153,7 @@ def worlds_section(episodes: Episodes) -> Section:
 
 
 def axis_section(episodes: Episodes, axis: str) -> Section | None:
-    """Return a report section on the effect of one condition, such as SLAM or physics; None if all values are equal.
-
-    The same policies are compared from the same starts. Differences are to the value `truth`, or to the first value.
-    """
+    """Return a report section on the effect of one condition, such as SLAM or physics; None if all values are equal."""
     measures, values = episodes.measures, list(dict.fromkeys(row[axis] for row in episodes))
     if len(values) < 2:
         return None
@@ -195,7 +182,6 @@ def axis_section(episodes: Episodes, axis: str) -> Section | None:
 
 
 def unfinished_section(episodes: Episodes) -> Section:
-    """Return a report section that counts unfinished episodes and their end reasons, by policy and world."""
     is_covering = "area_left" in {measure.name for measure in episodes.measures.own}
     lines = []
     for policy in episodes.policies:

@@ -32,7 +32,7 @@ class Measures:
         self.reached = (
             Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True),
         ) * bool(self.marks)
-        """Binary measure of the first threshold, if any."""
+        """Measure that is 1 if an episode reached the threshold, else 0; an empty tuple without a threshold."""
         self.decisive = (*self.relative, self.headline)[0]
         """Measure that decides which policy the summary names as best."""
         self.compared = self.headline, *(self.marks or others)
@@ -49,7 +49,6 @@ class Measures:
         safe, common = self._named("collisions"), COMMON[: NUM_BRIEF - 2]
         story = (self.marks[0], *common) if self.marks else (SUCCESS, time, *safe, *others, *common)
         self.brief = tuple(dict.fromkeys((self.headline, *story)))[:NUM_BRIEF]
-        """Measures printed in the terminal for each world."""
         self.label = next((measure.label for measure in self._named(self.progress)), "progress")
         """Axis label of plots of task progress, such as "explored"."""
 
@@ -66,9 +65,9 @@ def share_of(mark: Measure) -> Measure:
 def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, str]:
     """Format an estimate for a table cell: the value, and a note with the interval, such as ("41", "35 to 47").
 
-    If they are only lower bounds, because some episodes missed a threshold, the note counts the episodes that reached
-    it: ("> 310 s", "1 of 8"). If none did: ("never", "> 300 s"), or without a limit ("> 6.0", "never"). `sign="+"`
-    signs positive values.
+    If some episodes missed a threshold, values may be lower bounds, and the note counts the episodes that reached the
+    threshold: ("> 310 s", "1 of 8"). If none did: ("never", "> 300 s"), or without a limit ("> 6.0", "never").
+    `sign="+"` signs positive values.
     """
     numbers = (measure.text(value, sign) for value in estimate[:3])
     middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))

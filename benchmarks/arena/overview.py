@@ -29,14 +29,14 @@ from lidarnaut.envs.player import Recording, build_page
 MAX_RELATIVE = 3.0
 """Upper end of plot axes for time and distance, as a multiple of the reference policy's value."""
 NUM_WORST, NUM_WORST_MAPS = 5, 3
-"""Number of a policy's worst episodes that are listed, and number drawn as maps."""
+"""Number of worst episodes in the table, and number drawn as maps."""
 COLORS = "Colours: time of first observation of a cell. Red: true walls."
 
 
 def curves_section(folder: Path, episodes: Episodes) -> Section:
     """Return a report section with curves of task progress over time and distance.
 
-    Tasks with a threshold also get performance profiles (share of episodes above each score).
+    Tasks with a threshold also get performance profiles.
     """
     measures, reference, label = episodes.measures, short(episodes.reference), episodes.measures.label
     curves = _relative_curves(folder, episodes)
@@ -78,11 +78,6 @@ def curve_figures(
 
 
 def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[ProgressCurve]]]:
-    """Return progress curves by policy: one list per combination of conditions.
-
-    Time and distance are divided by the reference policy's values from the same start; without thresholds, by the
-    limits.
-    """
     references, marks = episodes.by_start(episodes.reference), episodes.measures.marks
     curves: dict[str, dict[Case, list[ProgressCurve]]] = {}
     for row in episodes:
@@ -101,10 +96,7 @@ def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Pr
 
 
 def worst_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Return a report section with the worst episodes of the best policy, compared with the reference policy.
-
-    None if the task has no threshold, or no other policy takes part.
-    """
+    """Return a report section with the worst episodes of the best policy, compared with the reference policy."""
     measures, reference = episodes.measures, episodes.reference
     policy = next((name for name in episodes.competitors(measures.decisive) if name != reference), None)
     if policy is None or not measures.marks:
@@ -141,7 +133,6 @@ def story(row: Row, measures: Measures) -> str:
 
 
 def gallery_section(folder: Path, episodes: Episodes) -> Section:
-    """Return a report section with maps over time of the median and the worst episode of every policy."""
     strips = []
     for policy in episodes.policies:
         figures = []
@@ -158,10 +149,7 @@ def gallery_section(folder: Path, episodes: Episodes) -> Section:
 
 
 def players_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Write pages that replay the median and the worst episode of every policy; return a report section with links.
-
-    None without recorded episodes.
-    """
+    """Write pages that replay the median and the worst episode of every policy; return a report section with links."""
     recorded = episodes.where(lambda row: recording_path(folder, row).exists())
     if not recorded:
         return None

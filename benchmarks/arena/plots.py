@@ -28,12 +28,10 @@ def _hex(color: style.Colour) -> str:
 
 PAPER, INK, MUTED = "#ffffff", _hex(style.INK), _hex(style.MUTED)
 UNKNOWN, ERROR = "#e7e9ed", "#d43d2a"
-"""Plot colours of unobserved map cells, and of true walls."""
 LINES = (*map(_hex, (style.TRUE, style.ESTIMATED, style.FRONTIER, style.LOOP)), "#d69400", "#42a5e0")
 """Line colours of policies; further policies repeat the colours with the next line style."""
 DASHES = ("solid", (0, (5.0, 1.2)), (0, (6.0, 1.5, 1.5, 1.5)))
 TIMES = LinearSegmentedColormap.from_list("times", ("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"))
-"""Colour map for the time when a map cell was first observed."""
 STYLE: dict[Any, Any] = {
     "axes.edgecolor": MUTED,
     "axes.grid": True,
@@ -87,8 +85,8 @@ def sample_curves(
 ) -> tuple[np.ndarray, Bands]:
     """Average progress curves over time or distance; return the x values and a curve with 95 % interval per policy.
 
-    `curves` has one list of curves per policy and world. `over` is `time` or `path_length`. `end` is the last x value,
-    by default the end of the longest episode. Ended episodes keep their last progress.
+    `curves` has one list of curves per policy and world; `over` is `time` or `path_length`; `end` is the last x value,
+    by default that of the longest episode. Ended episodes keep their last progress.
     """
     if end is None:
         end = max(float(getattr(c, over)[-1]) for strata in curves.values() for stratum in strata for c in stratum)
@@ -128,7 +126,7 @@ def draw_values(
     title: str,
     are_shares: bool,
 ) -> Figure:
-    """Plot a dot with its interval and a text for every policy; `marked` policies are coloured.
+    """Plot an estimate with interval and text for each policy; `marked` policies are coloured.
 
     `levels` are labelled vertical lines. If `are_shares`, the axis ends at `MAX_SHARE`.
     """
@@ -164,9 +162,9 @@ def draw_values(
 
 
 def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
-    """Plot the growth of the maps of several policies: one row per policy, one column per time.
+    """Plot the maps of several policies over time: one row per policy, one column per time.
 
-    Free cells are coloured by the time of first observation. True walls are drawn on top.
+    Free cells are coloured by the time of first observation, and overlaid with true walls.
     """
     extent = extent_of(list(traces.values()))
     ends = [float(trace.curve.time[-1]) for trace in traces.values()]

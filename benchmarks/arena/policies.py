@@ -23,7 +23,7 @@ Makers = Mapping[str, Callable[[], Any]]
 
 
 def is_bound(policy: str) -> bool:
-    """Return whether a policy's name has the suffix for ground truth. These policies are upper bounds without rank."""
+    """Return whether a policy's name has the suffix for ground truth."""
     return policy.endswith(GROUND_TRUTH)
 
 
@@ -36,7 +36,7 @@ def short(policy: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """Picklable record from which any process can construct a policy."""
+    """Picklable record to construct a policy in any process."""
 
     name: str
     """Name or label given by the user, with a suffix if the policy uses ground truth."""
@@ -127,11 +127,7 @@ def _read_changes(changes: str) -> dict[str, Any]:
 
 
 def make_changed(make: Callable[..., Any], changes: str) -> Any:
-    """Construct a classic policy with changed parameters, such as `max_time=8,inflation=0.3`.
-
-    Raises:
-        ValueError: if a parameter is unknown; lists the allowed parameters.
-    """
+    """Construct a classic policy with changed parameters, such as `max_time=8,inflation=0.3`."""
     pending = _read_changes(changes)
     allowed: list[str] = []
 

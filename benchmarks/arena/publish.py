@@ -40,7 +40,7 @@ DOCS_TEXT = "See [measures and statistics](measures.md); `arena/episodes.csv` ho
 def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how: Any) -> list[Result]:
     """Run the missing episodes of an evaluation with a progress bar; print and return the failed episodes.
 
-    `how`: see `Evaluation.run`.
+    `how` are further arguments of `Evaluation.run`.
     """
     headline = evaluation.measures.headline
     with Progress(total=evaluation.total, initial=evaluation.done, desc="episodes", unit="episode") as bar:
@@ -58,7 +58,6 @@ def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how
 
 
 def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[int, str]]:
-    """Return the number of failed episodes and the names of their policies, by world and reason of failure."""
     groups: dict[tuple[str, str], list[str]] = {}
     for failure in failures:
         where = f"{failure.key.world} with {failure.key.robot}"
@@ -138,10 +137,6 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
 
 
 def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) -> Section | None:
-    """Return a report section with the missing episodes and the reasons; None if the evaluation is complete.
-
-    `num_fair` of `num_rows` finished episodes have conditions and seeds that all ranked policies have run.
-    """
     if not missing:
         return None
     groups = group_failures([one for one in missing if one.reason != NOT_RUN])
@@ -180,7 +175,7 @@ def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console, all: bool = False) -> None:
     """Print a table per world, the leaderboard over several worlds, and the path of the report.
 
-    `all` prints all measures of a world, not only the most important.
+    `all` prints all measures of a world, not only the main measures.
     """
     console, report, measures = make_console(), printable(evaluation.folder / "report.html"), evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)

@@ -1,4 +1,4 @@
-"""Evaluation: episodes of several policies in the same worlds with the same seeds."""
+"""Evaluation of policies in the same worlds with the same seeds."""
 
 import contextlib
 import json
@@ -28,7 +28,6 @@ from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 @contextlib.contextmanager
 def _blaming(culprit: str) -> Iterator[None]:
-    """Convert unexpected exceptions in a `with` block to a ValueError that names the component `culprit`."""
     try:
         yield
     except (ValueError, RuntimeError, ImportError, OSError):
@@ -93,11 +92,9 @@ class Evaluation:
         self._records = Records(folder, self.columns, common, self._shard, own_worlds)
         self._missing = self._not_found(own)
         self.total = len(own)
-        """Number of episodes in the part that this process runs."""
 
     @property
     def done(self) -> int:
-        """Number of finished episodes in the part that this process runs."""
         return self.total - len(self._missing)
 
     def run(
@@ -157,7 +154,6 @@ class Evaluation:
         return list(filter(None, map(self._find, self._tasks)))
 
     def slam_axis_rows(self) -> list[Row]:
-        """Return the results of finished episodes of the SLAM comparison."""
         return list(filter(None, map(self._find, self._axis_tasks)))
 
     def missing(self) -> list[Result]:
@@ -172,7 +168,6 @@ class Evaluation:
         return [task for task in tasks if self._find(task) is None]
 
     def _check_cases(self) -> Makers:
-        """Construct the environment of every case; read the measures and return the task's classic policies."""
         classic: Makers | None = None
         faults: list[BaseException] = []
         for case, seed, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
@@ -221,11 +216,7 @@ class Evaluation:
         return list(tasks.values())
 
     def _id_for(self, policy: Policy) -> str:
-        """Return the id of the environment that takes the actions of a policy (twists, or choices of frontiers).
-
-        Raises:
-            ValueError: if no environment takes these actions.
-        """
+        """Return the id of the environment that takes the actions of a policy (twists, or choices of frontiers)."""
         id = self.settings.id
         if policy.level is None or (policy.level == "decision") == self._chooses:
             return id

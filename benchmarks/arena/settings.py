@@ -40,13 +40,10 @@ class Case:
     slam: str
     """Name of the SLAM algorithm, or of the localizer on a known map."""
     people: str = USUAL
-    """Number of people or name of a crowd preset, optionally with parameters: `20?model=orca`."""
+    """Number of people, or name of a crowd preset."""
     label: str = ""
-    """Name of the world in tables; if empty, `world` is used."""
     id: str = EXPLORE
-    """Id of the registered environment."""
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
-    """Further environment arguments, by name."""
 
     def name(self, part: str) -> str:
         """Return the name of a condition in tables; `part` is `world`, `physics`, `slam` or `people`."""
@@ -61,11 +58,9 @@ class Case:
     def make_env(
         self, given: Mapping[str, Any] = MappingProxyType({}), needed: Mapping[str, Any] = MappingProxyType({})
     ) -> gymnasium.Env[Any, Any]:
-        """Construct the environment. Procedural worlds are from the test split.
+        """Construct the environment, with procedural worlds from the test split.
 
-        Args:
-            given: user-defined worlds, robots and SLAMs by name.
-            needed: arguments required by the policy.
+        `given` holds user-defined worlds, robots and SLAMs by name; `needed`, arguments required by the policy.
         """
         parts = {"world": self.world, "robot": self.robot, "physics": self.physics, "people": self.people}
         parts[estimator_of(self.id)] = self.slam
@@ -184,7 +179,7 @@ class Settings(Section):
                 yield case, seed, self.policies
 
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield case, seed and policies of the SLAM comparison; may overlap with `starts`."""
+        """Yield conditions, seed and policy names of the SLAM comparison, possibly also yielded by `starts`."""
         axis = self.slam_axis
         for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam, self.people[:1]):
             for seed in range(self.seed, self.seed + axis.episodes):

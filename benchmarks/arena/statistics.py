@@ -25,7 +25,6 @@ class Estimate(NamedTuple):
     low: float
     high: float
     n: int
-    """Number of episodes."""
     never: int = 0
     """Number of episodes that missed the threshold and have the time or distance limit as value."""
     is_bound: tuple[bool, ...] = (False, False, False)
@@ -61,7 +60,6 @@ def bootstrap(strata: Strata, statistic: Callable[..., np.ndarray], num_resample
 
 
 def _draws(strata: Strata, num_resamples: int) -> np.ndarray:
-    """Return bootstrap samples of episode indices, drawn separately for each world: shape (num_resamples, episodes)."""
     rng, first, draws = np.random.default_rng(0), 0, []
     for size in map(len, strata):
         draws.append(first + rng.integers(size, size=(num_resamples, size)))
@@ -94,12 +92,12 @@ def success_rate(strata: Strata) -> Estimate:
 
 
 def paired_difference(a: Strata, b: Strata) -> Estimate:
-    """Return the interquartile mean of the paired differences a - b, with its 95 % interval."""
+    """Return the interquartile mean of the paired differences a - b."""
     return estimate([x - y for x, y in zip(a, b, strict=True)])
 
 
 def paired_ratio(a: Strata, b: Strata) -> Estimate:
-    """Return the geometric mean of the paired ratios a / b, with its 95 % interval."""
+    """Return the geometric mean of the paired ratios a / b."""
     logs = estimate([np.log(x / y) for x, y in zip(a, b, strict=True)], statistic=np.mean)
     middle, low, high = (float(np.exp(number)) for number in logs[:3])
     return Estimate(middle, low, high, logs.n)
@@ -126,10 +124,10 @@ def gap_closed(gains: Strata, bounds: Strata) -> Estimate:
 
 
 def performance_profile(strata: Strata, thresholds: np.ndarray) -> Band:
-    """Return the share of episodes with a score above each threshold, with its 95 % interval."""
+    """Return the share of episodes with a score above each threshold."""
     return bootstrap([np.asarray(values)[:, None] > thresholds for values in strata], np.mean, NUM_CURVE_RESAMPLES)
 
 
 def curve_band(strata: Strata) -> Band:
-    """Return the interquartile mean of curves, shape (episodes, points) per world, with its 95 % interval."""
+    """Return the interquartile mean of curves, shape (episodes, points) per world."""
     return bootstrap(strata, interquartile_mean, NUM_CURVE_RESAMPLES)

@@ -51,7 +51,6 @@ class Trace:
 
     @property
     def has_grown(self) -> bool:
-        """Whether the map gained cells after the reset."""
         known = self.known_since[np.isfinite(self.known_since)]
         return bool(known.size and known.max() > known.min())
 
@@ -144,6 +143,6 @@ def load_curve(folder: Path, row: Row) -> ProgressCurve:
 
 
 def slug(name: str) -> str:
-    """Convert a name or path to a file name; changed names get a checksum, so that file names are unique."""
+    """Convert a name or path to a unique file name."""
     simple = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_")
     return name if simple == name else f"{simple[-60:]}-{zlib.crc32(name.encode()):08x}"

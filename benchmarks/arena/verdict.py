@@ -12,14 +12,11 @@ from lidarnaut.benchmarks.arena.statistics import Estimate, paired_difference
 from lidarnaut.envs.measures import Measure
 
 NUM_NAMED = 3
-"""Maximum number of policies, tied with the best policy, that the summary names."""
+"""Maximum number of tied policies that the summary names."""
 
 
 def verdict_section(episodes: Episodes) -> Section | None:
-    """Return a report section that names the best policy; None with fewer than two ranked policies.
-
-    With a learned policy, results in worlds or with robots not used in training come first.
-    """
+    """Return a report section that names the best policy; None with fewer than two ranked policies."""
     measures, measure = episodes.measures, episodes.measures.decisive
     if len(episodes.competitors(measure)) < 2:
         return None
@@ -93,7 +90,6 @@ def _bound(episodes: Episodes, measure: Measure) -> tuple[str, Estimate] | None:
 
 
 def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) -> list[str]:
-    """Return the policies that are not significantly worse than the best policy."""
     leader, *others = values
     sign = 1.0 if measure.higher_is_better else -1.0
     gaps = {policy: paired_difference(*episodes.pairs(policy, leader, measure)) for policy in others}

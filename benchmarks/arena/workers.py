@@ -31,7 +31,6 @@ from lidarnaut.envs.wrappers import BagRecorder
 WARM_UP_STEPS = 20
 """Number of untimed steps per policy and process, for compilation and loading."""
 NOT_RUN = "not tried yet"
-"""Text shown for an episode that was never run."""
 FAULTS = (Exception, SystemExit)
 """Exceptions caught in user code. The episode fails, and the evaluation continues."""
 
@@ -71,7 +70,6 @@ class Result:
     recording: bytes = b""
     """Content of the replay file; empty without a recording."""
     reason: str = ""
-    """Reason of a failure; empty after success."""
 
 
 def explain_fault(error: BaseException) -> str:
@@ -121,7 +119,6 @@ class _Worker:
         self._policies: dict[str, Driver] = {}
 
     def run(self, task: Job) -> Result:
-        """Run an episode. An exception is returned as a failed result."""
         try:
             return self._run(task)
         except FAULTS as error:
@@ -169,7 +166,6 @@ def prepare(env: gymnasium.Env[Any, Any], policy: Driver, seed: int, steps: int 
 
 
 def describe(row: Row, measures: Measures) -> dict[str, Any]:
-    """Return the description of an episode in its replay file: policy, world, robot, seed, measures and end reason."""
     figures = {}
     for measure in measures.all:
         if measure.name not in ("decision_ms", "success"):  # not reproducible; covered by `end_reason`

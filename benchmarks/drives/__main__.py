@@ -58,7 +58,7 @@ def main(command: Command) -> None:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Return a terminal table of benchmark results, transposed if there are more than nine columns."""
+    """Return a terminal table of results, transposed if there are more than nine columns."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     lines = [names, *([_cell(row.get(name, "")) for name in names] for row in rows)]
     if len(names) > 9:

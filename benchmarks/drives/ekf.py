@@ -107,7 +107,6 @@ class RouteDrive:
     seed: int
     """Seed of this drive, and of the earlier drive that mapped the route."""
     end_reason: str
-    """Reason why the episode of `lidarnaut/Track-v0` ended, such as `completed`."""
     collisions: int
     time: np.ndarray
     """Simulated time, shape (n,), float64 [s]."""
@@ -183,7 +182,6 @@ def compare_faults(seeds: Count = 3, physics: Physics = "kinematic") -> list[Row
 
 
 def make_env(physics: str, map_seed: int) -> LidarEnv:
-    """Return the route-following environment `Track-v0` with an exactly known initial pose."""
     arguments = {"physics": physics, "map_seed": map_seed, "fusion": DRIVER, "start_spread": (0.0, 0.0)}
     return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", **arguments))
 
@@ -237,8 +235,8 @@ def nees_bounds(num_drives: int) -> tuple[float, float]:
 def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
     """Return the median and maximum over drives of each pose error of a fusion.
 
-    Names of maxima end with `_worst`. `nees` is the mean normalised estimation error squared; above 3, the filter is
-    overconfident. `nees_within` is the share of control periods with the mean over drives within `nees_bounds`.
+    Names of maxima end with `_worst`. `nees` is the mean normalised estimation error squared (3 if consistent).
+    `nees_within` is the share of control periods with the mean over drives within `nees_bounds`.
     """
     found = []
     for error in (drive.error(fusion) for drive in drives):
@@ -254,7 +252,6 @@ def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
 
 
 def _draw_drive(drive: RouteDrive, folder: Path) -> None:
-    """Plot true and estimated paths on the map, and heading over time (figures 5 to 7 of the paper)."""
     env, what = make_env(drive.physics, map_seed=drive.seed), f"{drive.physics} physics, seed {drive.seed}"
     env.reset(seed=drive.seed)
     grid = crop_to_known(env.belief.grid)
@@ -279,7 +276,6 @@ def _draw_drive(drive: RouteDrive, folder: Path) -> None:
 
 
 def _draw_errors(drives: Sequence[RouteDrive]) -> Figure:
-    """Plot pose errors of AMCL alone and of the full fusion (figures 8 to 10 of the paper)."""
     physics = list(dict.fromkeys(drive.physics for drive in drives))
     figure = Figure(figsize=(5.2 * len(physics), 7.4), layout="constrained")
     grid = figure.subplots(3, len(physics), sharex="col", sharey="row", squeeze=False)

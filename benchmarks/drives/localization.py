@@ -81,7 +81,7 @@ FILTERS = {
 def localize(
     amcl: Amcl, grid: OccupancyGrid, drive: Drive, seed: int, start_std: tuple[float, float, float] | None
 ) -> dict[str, np.ndarray]:
-    """Run AMCL on a map along a recorded drive; return poses, update times and further values after each scan.
+    """Run AMCL on a map along a recorded drive; return poses, update times and further results by name.
 
     `start_std` are standard deviations of the initial pose [m, m, rad]; None for global localization.
     """
@@ -103,7 +103,6 @@ def load_known_world(name: str, physics: str = "kinematic") -> Setup:
 
 
 def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: float) -> Drive:
-    """Record a simulated drive from a random start to random goals for `duration` [s]."""
     rng_simulator, rng_driver = map(np.random.default_rng, seed.spawn(2))
     return record(setup, setup.area.draw_pose(rng_driver), rng_simulator, rng_driver, duration)
 
@@ -211,7 +210,7 @@ def compare_on_log(log: Path = LOG) -> list[Row]:
     """Compare AMCL variants on the log of a real robot; results are medians over seeds.
 
     Args:
-        log: log file with reference poses (array `corr`), from which the map is built.
+        log: log file with reference poses (array `corr`), used to build the map.
     """
     read, drive = load_reference(log)
     grid = reference_map(read, drive.truth)
@@ -248,8 +247,6 @@ def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
 
 
 def measure_filter(drive: Drive, lidar: LidarParams, grid: OccupancyGrid, params: AmclParams, seed: int) -> Row:
-    """Run AMCL on a log; return pose errors, update time, number of particles, and share of scans with the robot lost.
-    """
     done = localize(Amcl(lidar, params), grid, drive, seed, LOG_START_STD)
     distance, angle = trajectory_errors(done["poses"], drive.truth)
     return {

@@ -64,7 +64,6 @@ def cost_by_size(setup: Setup, seed: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def draw(setup: Setup, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray], path: Path) -> None:
-    """Plot particles during global localization, errors of a kidnapped robot, and update times from `cost_by_size`."""
     figure, grid = Figure(figsize=(15, 7.6), layout="constrained"), known_map(setup.area)
     axes, amcl = figure.subplot_mosaic("0123;eecc"), Amcl(setup.robot.lidar, PRESETS["default"])
     seeds, kidnapped_at = np.random.SeedSequence(seed), round(KIDNAPPED_AT / PERIOD)

@@ -18,7 +18,6 @@ from lidarnaut.envs.rendering import style
 WALL_TOLERANCE = 0.15
 """Distance to the nearest true wall above which an occupied map cell is wrong [m]."""
 VIEW_MARGIN = 0.5
-"""Margin around the plotted points [m]."""
 COLUMNS, WIDTH = 3, 10.5
 """Panels per row, and width of the figure [in]."""
 PATH, WRONG = style.TRUE, style.ESTIMATED
@@ -82,7 +81,7 @@ def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str
 def wrong_cells(grid: OccupancyGrid, map_pose: Pose2D, walls: OccupancyGrid) -> np.ndarray:
     """Return a mask of occupied map cells too far from true walls: shape of the map, bool.
 
-    `map_pose` is the pose of the map frame, and `walls` the true occupancy grid, in the world frame.
+    `map_pose` and the true occupancy grid `walls` are in the world frame.
     """
     distance = ndimage.distance_transform_edt(walls.data == 0) * walls.resolution
     occupied = np.argwhere(grid.data >= 65)

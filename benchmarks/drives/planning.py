@@ -23,7 +23,6 @@ from lidarnaut.envs.worlds import explorable_area, load_world
 
 
 def _least(work: Callable[[], object], repeats: int = 15) -> float:
-    """Return the shortest time of several calls of a function, after one warm-up call [us]."""
     work()
     return 1e6 * min(timeit.repeat(work, number=1, repeat=repeats))
 

@@ -28,7 +28,7 @@ DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).resolve().parents[3]
 LOG = DATA / "intel" / "scans_2725.npz"
 """Lidar and odometry log from the Intel Research Lab."""
 Row = dict[str, Any]
-"""Row of a result table, by column name; None for an event that never happened."""
+"""Results in a table row, by column name; None for an event that never happened."""
 
 
 class Setup(NamedTuple):
@@ -57,7 +57,8 @@ class Drive:
     """True poses (x, y, heading) in the world frame, or reference poses of a log: shape (n, 3), float64 [m, m, rad]."""
 
     def then(self, other: "Drive", scans: int) -> "Drive":
-        """Return this drive up to `scans`, continued by another one without odometry in between (kidnapped robot)."""
+        """Return the drive of a kidnapped robot: `scans` scans of this drive, then `other`, without odometry between.
+        """
         pairs = (self.ranges, other.ranges), (self.motions, other.motions), (self.truth, other.truth)
         return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
 
@@ -105,7 +106,6 @@ def _steer(robot: RobotParams, carrot: np.ndarray) -> Twist:
 
 
 def record_drive(setup: Setup, seed: int, duration: float) -> Drive:
-    """Record a simulated drive from the first start pose of the world to random goals for `duration` [s]."""
     rng_simulator, _, rng_driver = np.random.default_rng(seed).spawn(3)
     return record(setup, setup.world.spawns[0], rng_simulator, rng_driver, duration)
 

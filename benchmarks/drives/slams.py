@@ -123,7 +123,7 @@ def compare_slams(
 def compare_on_log(
     log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds: int, picture: Path | None = None
 ) -> list[Row]:
-    """Return the median errors of each SLAM on a log; plot the maps of the last seed to `picture`."""
+    """Return the median errors of each SLAM on the log of a real robot; plot the last seed's maps to `picture`."""
     log, relations, rows, panels = load_log(log_path), load_labelled(relations_path), [], []
     for name in Progress(slams, log_path.stem, leave=False):
         params, found = SLAMS[name].load("intel"), []
@@ -148,10 +148,7 @@ def compare_on_log(
 
 
 def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> tuple[Row, np.ndarray]:
-    """Run a SLAM along a recorded drive; return errors and times, and estimated poses in the world frame.
-
-    Poses (x, y, heading) have shape (n, 3) [m, m, rad].
-    """
+    """Run a SLAM along a recorded drive; return errors and times, and estimated poses in the world frame."""
     slam.reset(np.random.default_rng(seed).spawn(2)[1])
     tracked, start = track(slam, drive), setup.world.spawns[0]
     poses = compose_poses(np.array([start]), tracked["poses"])

@@ -35,7 +35,6 @@ AXES = {
     "map_cells": "cells along each side of a map of 20 m",
     "num_envs": "sub-environments",
 }
-"""X-axis labels of the plots of step time, by varied quantity."""
 COLOURS = {"tinyslam": "#1668b8", "truth": "#d2600c"}
 
 
@@ -77,7 +76,6 @@ def main(
 
 
 def side_by_side(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return a table row per environment design, with steps per second and the ratio to the design `naive`."""
     lines: dict[tuple[Any, ...], dict[str, Any]] = {}
     for row in rows:
         design = {key: row[key] for key in ("name", "num_envs", "cores")}
@@ -94,7 +92,6 @@ def table(title: str, rows: Sequence[dict[str, Any]]) -> Table:
 
 
 def plot_growth(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Plot step times [us] over numbers of beams, map cells and sub-environments; save as PNG."""
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     keys = list(dict.fromkeys(row["grows"] for row in rows))
     panels = figure.subplots(1, len(keys), sharey=True, squeeze=False)[0]

@@ -21,7 +21,6 @@ ID = "lidarnaut:lidarnaut/Explore-v0"
 ACTION_REPEAT, NUM_ACTIONS = 10, 500
 """Steps that a random action is held (white noise would keep the robot in place), and number of distinct actions."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
-"""Configuration file of the PPO training whose throughput is measured."""
 FEWEST_ENVS, MOST_ENVS = 16, 256
 """Smallest and largest number of sub-environments of the compared vector environments."""
 
@@ -85,7 +84,6 @@ def make_actions(num_envs: int) -> Iterator[np.ndarray]:
 
 
 def open_drive(case: Case) -> Drive:
-    """Create and reset the environments of a measured configuration."""
     (name, num_envs, cores), hall, robot = case.design, make_hall(case.num_bodies), benchmark_robot(case.num_beams)
     physics = "bullet" if name.startswith("bullet") else "kinematic"
     arguments: dict[str, Any] = {"world": hall.world, "robot": robot, "slam": case.slam, "physics": physics}

@@ -1,7 +1,6 @@
 """Benchmark of compiled (Numba) kernels against equivalent NumPy code.
 
-Kernels are called in a compiled loop, without call overhead from Python. A cached loop would miss changes of its
-kernel.
+Kernels are called in a compiled loop, which is not cached: a cached loop would miss changes of its kernel.
 """
 
 import math

@@ -21,9 +21,7 @@ WARM_UP = 5000
 GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "num_envs": (1, 4, 16, 64, 256, 1024)}
 """Values of each quantity whose effect on the step time is measured. `map_cells` are cells along a side of 20 m."""
 STATE_ENVS = (4, 12)
-"""Numbers of sub-environments in the memory measurement."""
 Call = Callable[..., Any]
-"""Function that calls another function in a process pinned to CPU cores, and returns the result."""
 
 _drives: dict[Case, Drive] = {}
 
@@ -69,8 +67,7 @@ def steps_per_second(case: Case, seconds: float) -> float:
 def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repeats: int) -> dict[Case, float]:
     """Return the median steps per second of configurations, measured in turn so that other load affects all equally.
 
-    `calls` are functions that run code in a pinned process, by number of cores. Configurations with another number are
-    omitted.
+    `calls` are functions that run code in a pinned process, by number of cores.
     """
     turns = [case for case in cases if case.design.cores in calls]
     for cores, call in calls.items():
@@ -84,7 +81,6 @@ def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repea
 def compare_designs(
     calls: dict[int, Call], designs: tuple[Design, ...], bodies: tuple[int, ...], seconds: float, repeats: int
 ) -> list[dict[str, Any]]:
-    """Return steps per second of each design, and the ratio to the first, by number of obstacles and SLAM."""
     rows = []
     for num_bodies, slam in itertools.product(bodies, SLAMS):
         speeds = compare(calls, [Case(design, num_bodies, slam) for design in designs], seconds, repeats)

@@ -36,9 +36,8 @@ def match(
 ) -> Pose2D:  # fmt: skip
     """Return the pose that best matches scan points to a map, by random search around `pose` [cells, cells, rad].
 
-    After an improvement, later candidates are drawn around the better pose. `sigma` is the standard deviation of
-    candidates in position [cells] and heading [rad]; `weights` penalize squared deviations from `pose`. `noise` is
-    standard normal, shape (tries, 3).
+    `sigma` is the standard deviation of candidate poses in position [cells] and heading [rad]. `weights` penalize
+    squared deviations from `pose`. `noise` is standard normal, shape (tries, 3).
     """
     spread, costs = np.array([sigma[0], *sigma]), np.array([weights[0], *weights])
     best_pose, failed = np.array(pose), 0
@@ -71,7 +70,7 @@ class NaiveSlam:
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Clear the map and reset the pose to the origin; `rng` draws candidate poses for scan matching."""
+        """Clear the map and the pose; `rng` draws candidate poses for scan matching."""
         self._rng, self.pose, self.num_integrated = rng, ORIGIN, 0
         self._last_integrated: Pose2D | None = None
         self.values = np.full(self.shape, self._params.unvisited, dtype=np.float32)

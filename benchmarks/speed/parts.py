@@ -14,11 +14,9 @@ from lidarnaut.envs.simulation import PHYSICS, Twist, make_simulator
 from lidarnaut.envs.worlds import load_world
 
 ROOMS = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
-"""Environment arguments of the benchmark of frontier decisions."""
 NUM_DECIDING = (1, 16, 64, 256)
 """Numbers of sub-environments that choose frontiers; 1 is the single environment."""
 NUM_AMONG_PEOPLE = 64
-"""Number of sub-environments in the benchmark with people."""
 WARM_UP, SLICES = 3, 6
 """Number of warm-up steps, and of turns that alternate between the measured variants."""
 
