@@ -18,8 +18,8 @@ REFERENCES = ("nearest", "frontier", "pursuit", "rrt_team", "route_follower")
 used."""
 
 Case = tuple[str, ...]
-"""Conditions of an episode: world, robot, physics, SLAM or localizer, and people. The bootstrap resamples within a
-case."""
+"""Conditions of an episode: world, robot, physics, SLAM or localizer, and people. Bootstrap strata have equal
+conditions."""
 Summary = dict[str, dict[str, dict[str, Estimate]]]
 """Estimates by policy, label of the conditions, and measure name."""
 
@@ -110,10 +110,10 @@ class Episodes:
         return self.where(lambda row: start_of(row) in starts)
 
     def related(self, reference: str | None = None) -> "Episodes":
-        """Return the episodes with added columns: threshold reached, and times and distances relative to a reference.
+        """Return the episodes with added columns: `reached`, and times and distances divided by the reference policy's.
 
-        Relative values are divided by those of the reference policy from the same start, or by its limit if the
-        reference missed the threshold (such as 95 % explored).
+        `reached` is 1 if the episode reached the first threshold, such as 95 % explored. If the reference missed the
+        threshold, the divisor is the time or distance limit.
         """
         references = self.by_start(reference or self.reference) if self.rows else {}
         related = []
@@ -172,7 +172,7 @@ class Episodes:
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
 
     def gaps_closed(self, policy: str) -> dict[str, Estimate]:
-        """Return the share of the gap from reference to ground-truth policy that a policy closes, by measure.
+        """Return a policy's gain over the reference policy, as a share of the gain with ground truth, by measure.
 
         The result is empty for the reference itself, and without a policy that uses ground truth.
         """

@@ -56,7 +56,7 @@ def evaluate(
         episodes, and number that missed the threshold.
 
     Raises:
-        ValueError: if an argument is wrong or no episode could be run; the message says what is allowed.
+        ValueError: if an argument is wrong or no episode could be run; lists allowed values.
         lidarnaut.agents.run_folder.CheckpointError: if a learned policy is missing or damaged.
     """
     own = {**(policies if isinstance(policies, Mapping) else {}), **(worlds if isinstance(worlds, Mapping) else {})}

@@ -90,7 +90,6 @@ class Records:
         self._read()
 
     def begin(self) -> None:
-        """Read the rows of other processes; raise ValueError on conflicting settings or shards."""
         self._read()
         if self._shard:
             number, _, total = self._shard.partition("of")
@@ -130,7 +129,7 @@ class Records:
         return row
 
     def failure(self, key: Key) -> str | None:
-        """Return the reason why an episode failed; None if the episode finished later or was never tried."""
+        """Return the reason why an episode failed; None if the episode finished or was never tried."""
         return None if key in self._rows else self._failures.get(key)
 
     def add(self, row: Row) -> None:

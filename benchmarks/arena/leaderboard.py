@@ -16,7 +16,7 @@ from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")
 MIN_RATIO_VALUE = 1.0
-"""Lower limit of times [s] and distances [m] before ratios are computed."""
+"""Smaller times [s] and distances [m] are raised to this value before ratios are computed."""
 MARKS = (0.95, 0.99)
 """Explored fractions below which episodes are counted in the table of unfinished episodes."""
 DRIFT = 0.3

@@ -44,7 +44,7 @@ class Measures:
         self.shown = self.headline, *main, *self.relative, *self.reached, *ends
         """Measures shown as columns of the leaderboard."""
         self.on_axes = self.headline, *(self.reached or (SUCCESS,)), *self._named("position_rmse", "map_iou")
-        """Measures shown as plain values in comparisons of SLAMs, simulators or crowds."""
+        """Measures shown with absolute values in comparisons of SLAMs, simulators or crowds."""
         time = next((measure for measure in self.own if measure.limit), SUCCESS)
         safe, common = self._named("collisions"), COMMON[: NUM_BRIEF - 2]
         story = (self.marks[0], *common) if self.marks else (SUCCESS, time, *safe, *others, *common)

@@ -1,4 +1,4 @@
-"""Figures of the arena: curves, comparisons of policies, and maps."""
+"""Plotting functions for evaluations: curves, comparisons of policies, and maps."""
 
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -194,7 +194,7 @@ def extent_of(traces: Sequence[Trace]) -> Extent:
 
 
 def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent) -> None:
-    """Draw the part of a map known at time `moment` [s], with path and true walls; colours end at time `end` [s]."""
+    """Draw the map known at `moment` [s], with path and true walls; `end` is the last time of the colour scale [s]."""
     since, data = trace.known_since, trace.grid.data
     known = since <= moment
     picture = np.full((*data.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)

@@ -127,7 +127,6 @@ def _read_changes(changes: str) -> dict[str, Any]:
 
 
 def make_changed(make: Callable[..., Any], changes: str) -> Any:
-    """Construct a classic policy with changed parameters, such as `max_time=8,inflation=0.3`."""
     pending = _read_changes(changes)
     allowed: list[str] = []
 

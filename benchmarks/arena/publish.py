@@ -175,7 +175,7 @@ def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console, all: bool = False) -> None:
     """Print a table per world, the leaderboard over several worlds, and the path of the report.
 
-    `all` prints all measures of a world, not only the main measures.
+    `all` prints all measures.
     """
     console, report, measures = make_console(), printable(evaluation.folder / "report.html"), evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)

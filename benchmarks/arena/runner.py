@@ -216,7 +216,6 @@ class Evaluation:
         return list(tasks.values())
 
     def _id_for(self, policy: Policy) -> str:
-        """Return the id of the environment that takes the actions of a policy (twists, or choices of frontiers)."""
         id = self.settings.id
         if policy.level is None or (policy.level == "decision") == self._chooses:
             return id

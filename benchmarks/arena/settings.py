@@ -20,7 +20,7 @@ from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 USUAL = "usual"
 """Value of a setting that selects the environment's default; for robots, the default of each world."""
 GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES), "barn": BARN_NAMES, "barn_test": BARN_NAMES[::6]}
-"""World names by name of a group. `barn_test` is every sixth BARN world, as in the BARN benchmark.
+"""Names of the worlds in each group. `barn_test` is every sixth BARN world, as in the BARN benchmark.
 
 :meta hide-value:"""
 
@@ -97,12 +97,11 @@ class SlamAxis(Section):
     episodes: Episodes = 5
     """Number of episodes per policy, world and SLAM."""
     slam: tuple[str, ...] = Field(default=("truth", "odometry", DEFAULT_SLAM), min_length=1)
-    """Names of SLAM algorithms. All are compared with `truth`, or without `truth` with the first."""
+    """Names of SLAM algorithms. The others are compared with `truth`, if included, or with the first."""
 
 
 class Settings(Section):
-    """Settings of an evaluation. Policies run in each world with all combinations of robots, physics, SLAM and people.
-    """
+    """Settings of an evaluation. Policies run in each world with all combinations of robots, physics, SLAM and people."""
 
     policies: tuple[str, ...] = Field(min_length=1)
     """Names of classic policies, `ppo:PATH` of trained policies, or `module:attribute` of your code. `LABEL=ppo:PATH`
@@ -179,7 +178,7 @@ class Settings(Section):
                 yield case, seed, self.policies
 
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield conditions, seed and policy names of the SLAM comparison, possibly also yielded by `starts`."""
+        """Yield conditions, seed and policy names of the SLAM comparison."""
         axis = self.slam_axis
         for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam, self.people[:1]):
             for seed in range(self.seed, self.seed + axis.episodes):

@@ -70,7 +70,7 @@ def _draws(strata: Strata, num_resamples: int) -> np.ndarray:
 def estimate(
     strata: Strata, reached: Strata | None = None, statistic: Callable[..., np.ndarray] = interquartile_mean
 ) -> Estimate:
-    """Estimate a statistic with its 95 % bootstrap interval; a single episode gives an interval of zero width.
+    """Estimate a statistic with its 95 % bootstrap interval, of zero width for a single episode.
 
     `strata` has one array per world. `reached`, bool, is False for values that are only lower bounds.
     """

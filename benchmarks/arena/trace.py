@@ -37,7 +37,7 @@ class Trace:
 
     curve: ProgressCurve
     trail: np.ndarray
-    """Estimated positions (x, y) of the first robot, shape (n, 2), float32 [m]."""
+    """Estimated positions (x, y) of the first robot in the map frame, shape (n, 2), float32 [m]."""
     grid: OccupancyGrid
     """Final map, cropped to known cells."""
     known_since: np.ndarray
@@ -45,9 +45,9 @@ class Trace:
     start: Pose2D
     """Pose of the map frame in the world frame."""
     segments: np.ndarray
-    """True walls (x0, y0, x1, y1), shape (k, 4), float32 [m]."""
+    """True walls (x0, y0, x1, y1) in the world frame, shape (k, 4), float32 [m]."""
     circles: np.ndarray
-    """True cylinders (x, y, radius), shape (m, 3), float32 [m]."""
+    """True cylinders (x, y, radius) in the world frame, shape (m, 3), float32 [m]."""
 
     @property
     def has_grown(self) -> bool:
@@ -81,7 +81,7 @@ class Trace:
 
 
 class Recorder:
-    """Records progress, path and map growth of an episode. Pass `watch` as `on_step` to `run_episode`."""
+    """Records progress, path and map growth of an episode; `watch` is called after every step."""
 
     def __init__(self, env: LidarEnv) -> None:
         self._env = env

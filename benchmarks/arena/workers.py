@@ -29,7 +29,7 @@ from lidarnaut.envs.processes import interrupts_held
 from lidarnaut.envs.wrappers import BagRecorder
 
 WARM_UP_STEPS = 20
-"""Number of untimed steps per policy and process, for compilation and loading."""
+"""Number of untimed steps per policy and process, for compilation."""
 NOT_RUN = "not tried yet"
 FAULTS = (Exception, SystemExit)
 """Exceptions caught in user code. The episode fails, and the evaluation continues."""
@@ -51,7 +51,7 @@ class Job:
 
     @property
     def conditions(self) -> tuple[Any, ...]:
-        """Key of the environment. Episodes with equal keys run in the same environment object."""
+        """Key that identifies the environment. Episodes with equal keys run in the same environment object."""
         return self.case, repr(self.policy.arguments)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:

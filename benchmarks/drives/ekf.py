@@ -64,7 +64,7 @@ def _wrong(measurement: Measurement, rng: np.random.Generator) -> Delivery:
 FILTERS: dict[str, Fault] = {
     name: _lost_if(lambda sent, rng, kinds=kinds: sent.kind not in kinds) for name, kinds in FUSIONS.items() if kinds
 }
-"""Functions that drop the measurements that a fusion does not use, by name of the fusion."""
+"""Functions that drop the measurements unused by a fusion (set of sensors), by name of the fusion."""
 FAULTS: dict[str, Fault] = {
     "none": lambda sent, rng: (0.0, sent),
     "each up to 0.8 s late, out of order": lambda sent, rng: (rng.uniform(0.0, 0.8), sent),
@@ -101,7 +101,7 @@ class FaultyChannel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteDrive:
-    """Recorded drive along a route, with n control periods; poses are in the map frame."""
+    """Recorded drive along a route, with n control periods."""
 
     physics: str
     seed: int
@@ -111,9 +111,9 @@ class RouteDrive:
     time: np.ndarray
     """Simulated time, shape (n,), float64 [s]."""
     truth: np.ndarray
-    """True poses (x, y, heading), shape (n, 3), float64 [m, m, rad]."""
+    """True poses (x, y, heading) in the map frame, shape (n, 3), float64 [m, m, rad]."""
     estimated: dict[str, np.ndarray]
-    """Estimated poses (x, y, heading) by filter, shape (n, 3), float64 [m, m, rad]."""
+    """Estimated poses (x, y, heading) in the map frame, by filter: shape (n, 3), float64 [m, m, rad]."""
     covariance: dict[str, np.ndarray]
     """Covariances of x, y [m] and heading [rad] by filter, shape (n, 3, 3), float64."""
     verdicts: dict[str, Counter[str]]
@@ -191,7 +191,7 @@ def run_drive(
 ) -> RouteDrive:
     """Map the route, drive along it with the fused pose, and return truth and estimates.
 
-    Each of the `filters` processes the same measurements with its own fault.
+    Each of the `filters` processes the same measurements with its own fault (delay, loss or error).
     """
     env, follower = make_env(physics, map_seed=seed), RouteFollower()
     observation, info = begin_episode(env, follower, seed, np.random.default_rng([seed, 1]))
@@ -236,7 +236,7 @@ def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
     """Return the median and maximum over drives of each pose error of a fusion.
 
     Names of maxima end with `_worst`. `nees` is the mean normalised estimation error squared (3 if consistent).
-    `nees_within` is the share of control periods with the mean over drives within `nees_bounds`.
+    `nees_within` is the share of control periods whose NEES, averaged over drives, lies within its 95 % bounds.
     """
     found = []
     for error in (drive.error(fusion) for drive in drives):

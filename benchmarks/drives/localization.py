@@ -39,7 +39,7 @@ from lidarnaut.envs.worlds import load_world
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
 TRACKING_TIME, KIDNAPPED_AT, RECOVERY_TIME = 60.0, 20.0, 90.0
-"""Durations [s]: a drive for tracking or global localization; driving before and after the robot is kidnapped."""
+"""Durations [s]: tracking or global localization, driving before kidnapping, and driving after kidnapping."""
 MAX_POSITION_ERROR, MAX_HEADING_ERROR = 0.5, math.radians(20.0)
 """Maximum errors of a correct pose estimate [m, rad]."""
 MIN_CORRECT_TIME = 5.0
@@ -50,7 +50,7 @@ LOG_START_STD = (0.1, 0.1, 0.05)
 """Standard deviations of the initial pose (x, y, heading) on the log of a real robot [m, m, rad]."""
 LOG_SEEDS = range(100, 105)
 SHARE_OF_HITS = 16
-"""Minimum percentage of beams that end in an occupied map cell, among beams that end in the cell or cross it.
+"""A map cell is occupied if at least this percentage of the beams that reach the cell end in the cell.
 
 Equivalent to log-odds with probability 0.9 for an end and 0.4 for a crossing, as in Hector SLAM."""
 HIT_COUNTS = TinySlamParams(
@@ -81,7 +81,7 @@ FILTERS = {
 def localize(
     amcl: Amcl, grid: OccupancyGrid, drive: Drive, seed: int, start_std: tuple[float, float, float] | None
 ) -> dict[str, np.ndarray]:
-    """Run AMCL on a map along a recorded drive; return poses, update times and further results by name.
+    """Run AMCL on a map along a recorded drive; return poses, lost flags, update times and particle numbers by name.
 
     `start_std` are standard deviations of the initial pose [m, m, rad]; None for global localization.
     """
@@ -108,7 +108,7 @@ def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: f
 
 
 def symmetries(grid: OccupancyGrid, share: float = 0.9) -> list[Pose2D]:
-    """Return the rotations by multiples of 30 degrees that map an occupancy grid to itself, as map-frame motions.
+    """Return the rotations by multiples of 30 degrees that map a grid to itself, as rigid motions in the map frame.
 
     At least a `share` of the occupied cells must land within two cells of an occupied cell.
     """

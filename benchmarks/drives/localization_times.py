@@ -23,7 +23,7 @@ from lidarnaut.envs.tasks.goals import known_map
 
 REPEATS = 5
 PARTICLE_TIMES = {"0": 0.0, "1": 0.2, "2": 3.0, "3": 15.0}
-"""Times since the start when particles of a global localization are plotted [s], by plot panel."""
+"""Times after the start of a global localization for plots of the particles [s], by plot panel."""
 
 
 def time_amcl(picture: Path | None = None) -> list[Row]:

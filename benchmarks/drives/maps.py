@@ -32,7 +32,7 @@ class Panel(NamedTuple):
     path: np.ndarray
     """Driven path (x, y, ...) in the figure's frame, shape (n, >= 2) [m]."""
     wrong: np.ndarray | None = None
-    """Mask of wrong occupied cells, shape of the map, bool; None if unknown."""
+    """Mask of wrong occupied cells, shape of the map, bool; None without ground truth."""
     map_pose: Pose2D = ORIGIN
     """Pose of the map frame in the figure's frame."""
 
@@ -79,9 +79,9 @@ def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str
 
 
 def wrong_cells(grid: OccupancyGrid, map_pose: Pose2D, walls: OccupancyGrid) -> np.ndarray:
-    """Return a mask of occupied map cells too far from true walls: shape of the map, bool.
+    """Return a mask of occupied map cells farther than `WALL_TOLERANCE` from true walls: shape of the map, bool.
 
-    `map_pose` and the true occupancy grid `walls` are in the world frame.
+    The pose `map_pose` of the map frame and the true occupancy grid `walls` are in the world frame.
     """
     distance = ndimage.distance_transform_edt(walls.data == 0) * walls.resolution
     occupied = np.argwhere(grid.data >= 65)

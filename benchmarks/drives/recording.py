@@ -57,8 +57,7 @@ class Drive:
     """True poses (x, y, heading) in the world frame, or reference poses of a log: shape (n, 3), float64 [m, m, rad]."""
 
     def then(self, other: "Drive", scans: int) -> "Drive":
-        """Return the drive of a kidnapped robot: `scans` scans of this drive, then `other`, without odometry between.
-        """
+        """Return the drive of a kidnapped robot: `scans` scans of this drive, then `other`, without odometry between."""
         pairs = (self.ranges, other.ranges), (self.motions, other.motions), (self.truth, other.truth)
         return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
 
@@ -126,7 +125,7 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
 
 
 def right_since(is_right: np.ndarray, hold: float) -> float:
-    """Return the earliest time from when on all flags are True [s]; inf if a flag in the last `hold` [s] is False."""
+    """Return the earliest time after which all flags are True [s]; inf if a flag in the last `hold` [s] is False."""
     if not is_right[-round(hold / PERIOD) :].all():
         return math.inf
     wrong = np.flatnonzero(~is_right)
@@ -139,7 +138,6 @@ def first_time(flags: np.ndarray) -> float:
 
 
 def run_each(work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], jobs: int, desc: str) -> list[Any]:
-    """Call a function with each tuple of arguments in `jobs` processes; return the results."""
     if jobs == 1:
         return [work(*task) for task in Progress(tasks, desc)]
     with make_pool(jobs, None) as pool:

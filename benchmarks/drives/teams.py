@@ -78,7 +78,7 @@ def summarise(rows: list[Row], robots: tuple[int, ...], policies: tuple[str, ...
     """Return a table row with times and speed-ups for each world, policy and team size.
 
     Policies in `rows` include the team size, such as "rrt_team 3". Ratios are interquartile means over pairs of
-    episodes, or bounds if 95 % was not reached.
+    episodes, or bounds if episodes missed 95 % explored.
     """
     together, lines = Episodes(rows, MEASURES), list[Row]()
     worlds = together.by_case()

@@ -19,7 +19,7 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 
 ID = "lidarnaut:lidarnaut/Explore-v0"
 ACTION_REPEAT, NUM_ACTIONS = 10, 500
-"""Steps that a random action is held (white noise would keep the robot in place), and number of distinct actions."""
+"""Number of steps with the same random action (white noise would keep the robot in place), and of distinct actions."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
 FEWEST_ENVS, MOST_ENVS = 16, 256
 """Smallest and largest number of sub-environments of the compared vector environments."""

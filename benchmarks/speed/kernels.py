@@ -68,7 +68,6 @@ def time_kernels(num_bodies: int, repeats: int) -> list[dict[str, Any]]:
 
 
 def make_kernels(num_bodies: int) -> list[Kernel]:
-    """Return the kernels to be timed, with input from a robot in a partly mapped hall."""
     world, robot, params = make_hall(num_bodies).world, benchmark_robot(), load_params("default")
     lidar, rng = robot.lidar, np.random.default_rng(0)
     grid_map, naive = GridMap(params, lidar), NaiveSlam(lidar, params)

@@ -19,7 +19,7 @@ SLAMS = ("tinyslam", "truth")
 WARM_UP = 5000
 """Number of unmeasured first steps over all sub-environments; 20 to 100 for each."""
 GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "num_envs": (1, 4, 16, 64, 256, 1024)}
-"""Values of each quantity whose effect on the step time is measured. `map_cells` are cells along a side of 20 m."""
+"""Values of each quantity whose effect on the step time is measured. `map_cells` is the number of cells along 20 m."""
 STATE_ENVS = (4, 12)
 Call = Callable[..., Any]
 
@@ -42,7 +42,6 @@ def _start(cores: list[int]) -> None:
 
 
 def open_cases(cases: list[Case]) -> None:
-    """Start the environments of configurations in this process, after closing the previous environments."""
     for drive in _drives.values():
         drive.close()
     _drives.clear()

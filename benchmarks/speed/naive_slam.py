@@ -70,7 +70,7 @@ class NaiveSlam:
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Clear the map and the pose; `rng` draws candidate poses for scan matching."""
+        """Clear the map and reset the pose to the origin; `rng` draws candidate poses for scan matching."""
         self._rng, self.pose, self.num_integrated = rng, ORIGIN, 0
         self._last_integrated: Pose2D | None = None
         self.values = np.full(self.shape, self._params.unvisited, dtype=np.float32)

@@ -38,7 +38,7 @@ def physics(repetitions: int) -> list[dict[str, Any]]:
 
 
 def decisions(count: int) -> list[dict[str, Any]]:
-    """Measure the rate of choosing the nearest frontier and driving there, in processor time.
+    """Measure decisions for the nearest frontier, including the drives, in processor time.
 
     Each sub-environment makes `count` decisions: rooms of 20 m x 20 m, TurtleBot3 Burger, Hector SLAM, kinematic
     simulator.

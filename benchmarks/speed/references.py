@@ -51,7 +51,8 @@ def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarr
 def crop_in_numpy(pooled: np.ndarray, x: float, y: float, theta: float, pixel: float, size: int) -> np.ndarray:
     """Return a robot-centred crop of a pooled map: shape (channels, size, size), uint8; 0 outside.
 
-    `pooled` has shape (channels, rows, columns). `x`, `y` and the side `pixel` of a crop pixel are in its cells.
+    `pooled` has shape (channels, rows, columns). `x`, `y` and the side `pixel` of a crop pixel are in cells of
+    `pooled`.
     """
     c, s = math.cos(theta), math.sin(theta)
     steps = (np.arange(size) - 0.5 * size + 0.5) * pixel
