@@ -53,7 +53,7 @@ RIVAL = "pursuit"
 
 
 class Scene(NamedTuple):
-    """Section of the report: an evaluation of pretrained policies, and a replay of the last policy's median episode."""
+    """Section of the demo's report: an evaluation of pretrained policies, and the replay of an episode."""
 
     folder: str
     title: str

@@ -21,7 +21,7 @@ Case = tuple[str, ...]
 """Conditions of an episode: world, robot, physics, SLAM or localizer, and people. Bootstrap strata have equal
 conditions."""
 Summary = dict[str, dict[str, dict[str, Estimate]]]
-"""Estimates by policy, label of the conditions, and measure name."""
+"""Estimates of measures, by policy, conditions and measure name."""
 
 
 def case_of(row: Row) -> Case:

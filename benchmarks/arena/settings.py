@@ -101,7 +101,7 @@ class SlamAxis(Section):
 
 
 class Settings(Section):
-    """Settings of an evaluation. Policies run in each world with all combinations of robots, physics, SLAM and people."""
+    """Settings of an evaluation. Policies run in each world with all combinations of robot, physics, SLAM, people."""
 
     policies: tuple[str, ...] = Field(min_length=1)
     """Names of classic policies, `ppo:PATH` of trained policies, or `module:attribute` of your code. `LABEL=ppo:PATH`

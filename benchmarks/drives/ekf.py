@@ -227,7 +227,7 @@ def run_drive(
 
 
 def nees_bounds(num_drives: int) -> tuple[float, float]:
-    """Return the 95 % bounds of a consistent filter's NEES (see `RouteDrive.nees`), averaged over drives."""
+    """Return the 95 % bounds of a consistent filter's normalised estimation error squared, averaged over drives."""
     low, high = chi2.ppf([0.025, 0.975], 3 * num_drives) / num_drives
     return float(low), float(high)
 

@@ -57,7 +57,7 @@ class Drive:
     """True poses (x, y, heading) in the world frame, or reference poses of a log: shape (n, 3), float64 [m, m, rad]."""
 
     def then(self, other: "Drive", scans: int) -> "Drive":
-        """Return the drive of a kidnapped robot: `scans` scans of this drive, then `other`, without odometry between."""
+        """Return a kidnapped robot's drive: `scans` scans of this drive, then `other`, without odometry between."""
         pairs = (self.ranges, other.ranges), (self.motions, other.motions), (self.truth, other.truth)
         return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
 

@@ -48,7 +48,7 @@ def main(
     Args:
         only: benchmarks to run.
         json_file: also write the results to this file.
-        quick: shorter measurements, without growth.
+        quick: shorter measurements, without `growth`.
     """
     seconds, repeats = (0.1, 3) if quick else (0.4, 5)
     results: dict[str, Any] = {"machine": machine()}

@@ -64,7 +64,7 @@ def steps_per_second(case: Case, seconds: float) -> float:
 
 
 def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repeats: int) -> dict[Case, float]:
-    """Return the median steps per second of configurations, measured in turn so that other load affects all equally.
+    """Return median steps per second of environment designs, measured in turn so that other load affects all equally.
 
     `calls` are functions that run code in a pinned process, by number of cores.
     """

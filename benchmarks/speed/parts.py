@@ -38,7 +38,7 @@ def physics(repetitions: int) -> list[dict[str, Any]]:
 
 
 def decisions(count: int) -> list[dict[str, Any]]:
-    """Measure decisions for the nearest frontier, including the drives, in processor time.
+    """Measure the processor time of decisions to drive to the nearest frontier.
 
     Each sub-environment makes `count` decisions: rooms of 20 m x 20 m, TurtleBot3 Burger, Hector SLAM, kinematic
     simulator.
