@@ -1,1 +1,1 @@
-"""Benchmarks: the arena, recorded drives, throughput, and the demo."""
+"""Benchmarks: evaluation of policies (arena), accuracy on recorded drives, throughput, and a demo."""

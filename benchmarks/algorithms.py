@@ -1,4 +1,4 @@
-"""Write the page that compares learning algorithms, `docs/algorithms.md`, from a training sweep.
+"""Write `docs/algorithms.md`, the page that compares learning algorithms, from the results of a training sweep.
 
 python train.py --config algorithms --jobs 2
 python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__20250101-120000
@@ -52,35 +52,35 @@ Scores = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, slots=True)
 class TaskResults:
-    """Results of all algorithms and classic policies on one task."""
+    """Results of learning algorithms and classic (not learned) policies on one task."""
 
     name: str
     measure: Measure
     steps: Mapping[str, np.ndarray]
-    """Environment steps at each evaluation, by algorithm: shape (n,)."""
+    """Training steps before each evaluation, by algorithm: shape (num_evaluations,)."""
     scores: Scores
-    """Headline measure at each evaluation, by algorithm: shape (n, seeds, episodes)."""
+    """Values of the task's ranking measure by algorithm: shape (num_evaluations, seeds, episodes), float64."""
     references: Scores
-    """Headline measure of classic policies, best first, and `random`: shape (1, episodes)."""
+    """Values of the task's ranking measure by classic policy, including `random`, best first: shape (1, episodes),
+    float64."""
     times: Mapping[str, float]
     """Mean processor time of a training run, by algorithm [s]."""
     missing: int
 
     @property
     def classic(self) -> str:
-        """Best classic policy without access to ground truth."""
+        """Name of the best classic policy without access to ground truth, if any."""
         return next((name for name in self.references if name != RANDOM and not name.endswith(GROUND_TRUTH)), "")
 
     @property
     def sign(self) -> float:
-        """1 if higher is better, else -1."""
         return 1.0 if self.measure.higher_is_better else -1.0
 
 
 def score(scores: np.ndarray) -> Estimate:
-    """Return the interquartile mean over seeds of the mean over episodes; `scores` has shape (seeds, episodes).
+    """Return the interquartile mean over training seeds of the mean score, with a 95 % interval.
 
-    The bootstrap resamples seeds and episodes independently.
+    `scores` has shape (seeds, episodes). The bootstrap resamples seeds and episodes independently.
     """
     rng, (num_seeds, num_episodes) = np.random.default_rng(0), scores.shape
     seeds = rng.integers(num_seeds, size=(NUM_RESAMPLES, num_seeds))
@@ -120,7 +120,6 @@ def _numbers(text: object) -> np.ndarray:
 
 
 def difference(task: TaskResults, algorithm: str, policy: str) -> Estimate:
-    """Return the final score of an algorithm minus that of a policy, paired by episode."""
     return score(task.scores[algorithm][-1] - task.references[policy])
 
 
@@ -166,7 +165,7 @@ def draw_task(task: TaskResults) -> Picture:
 
 
 def overview(tasks: Sequence[TaskResults]) -> Section:
-    """Return a section with normalised scores over all tasks: 0 is `random`, 1 the best classic policy."""
+    """Return a page section with scores over all tasks, scaled to 0 for `random` and 1 for the best classic policy."""
     strata: dict[str, list[np.ndarray]] = {}
     for task in tasks:
         levels = {name: float(scores.mean()) for name, scores in task.references.items()}
@@ -184,11 +183,11 @@ def overview(tasks: Sequence[TaskResults]) -> Section:
 
 
 def main(sweep: Path, /, *, docs: Path = Path("docs")) -> None:
-    """Write `algorithms.md`, and its figures to `algorithms/`.
+    """Write the comparison of learning algorithms, `algorithms.md`, with figures in `algorithms/`.
 
     Args:
-        sweep: sweep folder, or a configuration file for a page without results.
-        docs: documentation folder.
+        sweep: folder of a training sweep, or its configuration file for a page without results.
+        docs: output folder.
     """
     tasks = read_tasks(sweep / SWEEP if sweep.is_dir() else sweep)
     sections = [overview(tasks), *map(task_section, tasks)]

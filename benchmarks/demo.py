@@ -1,4 +1,4 @@
-"""Train a policy among people, evaluate the shipped policies, and write a report."""
+"""Demo: train a policy to reach goals among people, evaluate pretrained policies, and write a report."""
 
 import contextlib
 import logging
@@ -47,13 +47,13 @@ TRAINING = {
     "evaluation.references": ["pursuit", "dwb"],
     "evaluation.environment.people.number": 14,
 }
-"""Changes to the configuration `CONFIG`, for a short training."""
+"""Changes to the training configuration `reach_crowd.yaml`, for a short training."""
 RIVAL = "pursuit"
 """Classic controller that the trained policy should beat in success rate."""
 
 
 class Scene(NamedTuple):
-    """Evaluation of shipped policies. The report replays the median episode of the last policy."""
+    """Section of the demo's report: an evaluation of pretrained policies, and the replay of an episode."""
 
     folder: str
     title: str
@@ -93,7 +93,9 @@ SCENES = (
 
 
 def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES, jobs: int = 2) -> str:
-    """Train, evaluate and write the report, replacing an earlier one; return the training result as a sentence.
+    """Train a policy, evaluate pretrained policies, and write `report.html` to `folder`, which is replaced.
+
+    Returns the path of the report, and the training result as a sentence.
 
     Raises:
         lidarnaut.envs.files.LockedError: if another process uses `folder`.
@@ -134,7 +136,6 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
 
 @contextlib.contextmanager
 def running(scenes: Sequence[Scene], work: Path) -> Iterator[None]:
-    """Run the evaluation episodes in a background process during the `with` block."""
     with interrupts_held():
         process = multiprocessing.get_context("spawn").Process(target=_run, args=(scenes, work), daemon=True)
         process.start()
@@ -153,7 +154,6 @@ def _run(scenes: Sequence[Scene], work: Path) -> None:
 
 
 def show(scene: Scene, work: Path, jobs: int, console: Console) -> Section:
-    """Run the remaining episodes of a scene and return its section of the report."""
     evaluation = Evaluation(scene.settings, work / scene.folder)
     run_with_progress(evaluation, jobs, console, record=True)
     print_results(evaluation, publish(evaluation), console)
@@ -168,7 +168,6 @@ def show(scene: Scene, work: Path, jobs: int, console: Console) -> Section:
 
 
 def describe_learning(evaluations: Sequence[CurveRow], task: str) -> str:
-    """Return the success rates of PPO before and after training, and of the classic policies, as a sentence."""
     shares = [float(row["success"]) for row in evaluations if row["policy"] in LEARNED_NAMES]
     others = [row for row in evaluations if row["policy"] not in LEARNED_NAMES]
     rivals = ", ".join(f"{row['policy']} {float(row['success']):.0%}" for row in others)

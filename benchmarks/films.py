@@ -19,36 +19,34 @@ from lidarnaut.envs.files import resolve
 from lidarnaut.envs.geometry.lines import lengths_along
 
 NUM_FRAMES = 48
-"""Maximum number of frames, without the final frame."""
+"""Maximum number of frames of an animation, without the final frame."""
 FRAME_MS, HOLD_MS = 100, 3000
 """Display time of a frame, and of the final frame [ms]."""
 QUALITY = 50
-"""WebP quality, 0 to 100."""
+"""Quality of WebP images, 0 to 100."""
 WORLDS = {
     "lidarnaut/Explore-v0": "aws_small_house",
     "lidarnaut/ExploreFrontiersAbstract-v0": "rrt_house",
     "lidarnaut/ExploreTeam-v0": "rrt_house",
     "lidarnaut/Navigate-v0": "turtlebot3_house",
 }
-"""Worlds shown instead of the default, by environment id."""
 SEEDS = {"lidarnaut/Navigate-v0": 3}
-"""Seeds by environment id; the default is 0."""
 
 
 class Film:
     """Records frames of an episode at equal intervals of simulated time."""
 
     def __init__(self, env: gymnasium.Env, every: float | None = None) -> None:
-        """Attach to an environment with `render_mode="rgb_array"`; `every` is the interval [s]."""
+        """Attach to an environment with `render_mode="rgb_array"`; `every` is the simulated time between frames [s]."""
         self._env: Any = lidar_env_of(env)
         self._interval, self._most = (self._env.control_period, NUM_FRAMES) if every is None else (every, math.inf)
         self.frames: list[np.ndarray] = []
-        """Images: shape (height, width, 3), uint8."""
+        """RGB images, each of shape (height, width, 3), uint8."""
         self._plans: list[float] = []
         self._env.on_period = self.shoot
 
     def shoot(self, _: Any) -> None:
-        """Record a frame if due; at the maximum, drop every second frame and double the interval."""
+        """Record a frame after each interval; at the maximum, drop every second frame and double the interval."""
         if self._env.time < len(self.frames) * self._interval - 1e-6:
             return
         if len(self.frames) == self._most:
@@ -63,13 +61,13 @@ class Film:
 
     @property
     def hero(self) -> np.ndarray:
-        """Still image: the frame with the longest planned path in the middle third of the film."""
+        """Still image: the frame with the longest planned path in the middle third of the episode."""
         third = len(self.frames) // 3
         return max(zip(self._plans[third:], self.frames[third : len(self.frames) - third]), key=lambda both: both[0])[1]
 
 
 def save_film(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> None:
-    """Save frames, shape (height, width, 3), uint8, as a looping GIF or WebP of a width [px]."""
+    """Save RGB frames, shape (height, width, 3), uint8, as a looping GIF or WebP of `width` pixels."""
     size = width, round(frames[0].shape[0] * width / frames[0].shape[1])
     first, *rest = [Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS) for frame in frames]
     if path.suffix == ".gif":
@@ -81,7 +79,6 @@ def save_film(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> Non
 
 
 def _palette(frames: Sequence[np.ndarray]) -> Image.Image:
-    """Return a palette image of the most frequent colours; an adaptive palette would alter uniform areas."""
     packed = np.concatenate([frame.reshape(-1, 3) @ np.array([1 << 16, 1 << 8, 1]) for frame in frames])
     values, counts = np.unique(packed, return_counts=True)
     values = values[np.argsort(-counts, kind="stable")]
@@ -102,12 +99,12 @@ def main(
     arguments: str = "{}",
     picture: Path | None = None,
 ) -> None:
-    """Record an episode of registered environments.
+    """Record one episode of each registered environment as an animation.
 
     Args:
-        only: Record only ids that contain this text.
+        only: Record only environment ids that contain this text.
         out: Output folder; or, for a single id, a .gif or .webp file.
-        policy: Classic policy; default: the reference of evaluations.
+        policy: Classic policy; default: the reference policy of evaluations.
         physics: Simulator.
         seed: Seed of world, start and noise.
         every: Simulated time between frames [s]; default: about 48 frames.

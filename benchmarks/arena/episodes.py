@@ -1,4 +1,4 @@
-"""Table of evaluated episodes: estimates, paired comparisons and rankings of policies."""
+"""Statistics of evaluated episodes: estimates, paired comparisons and rankings of policies."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -14,12 +14,14 @@ from lidarnaut.benchmarks.arena.statistics import Estimate, estimate, gap_closed
 from lidarnaut.envs.measures import Measure
 
 REFERENCES = ("nearest", "frontier", "pursuit", "rrt_team", "route_follower")
-"""Reference policies in order of preference; otherwise the first policy is the reference."""
+"""Names of policies to use as the reference of comparisons, in order of preference. Without them, the first policy is
+used."""
 
 Case = tuple[str, ...]
-"""Condition of an episode (world, robot, physics, SLAM or localizer, people); stratum of the bootstrap."""
+"""Conditions of an episode: world, robot, physics, SLAM or localizer, and people. Bootstrap strata have equal
+conditions."""
 Summary = dict[str, dict[str, dict[str, Estimate]]]
-"""Estimates by policy, case label and measure name."""
+"""Estimates of measures, by policy, conditions and measure name."""
 
 
 def case_of(row: Row) -> Case:
@@ -27,17 +29,16 @@ def case_of(row: Row) -> Case:
 
 
 def start_of(row: Row) -> tuple[Case, int]:
-    """Return case and seed, which paired episodes of different policies have in common."""
     return case_of(row), row["seed"]
 
 
 def value_of(row: Row, measure: Measure) -> float:
-    """Return the value of a measure; its limit if the threshold was never reached."""
+    """Return a measure of an episode, capped at its limit (such as the time limit) if it has one."""
     return float(min(row[measure.name], row[measure.limit]) if measure.limit else row[measure.name])
 
 
 class Episodes:
-    """Episodes of one task."""
+    """Table of evaluated episodes of one task, with statistics by policy."""
 
     def __init__(self, rows: Iterable[Row], measures: Measures) -> None:
         self.rows = list(rows)
@@ -61,17 +62,16 @@ class Episodes:
 
     @property
     def reference(self) -> str:
-        """Policy that the other policies are compared with."""
+        """Name of the policy that the other policies are compared with."""
         return next((name for name in REFERENCES if name in self.policies), self.policies[0])
 
     @property
     def bound(self) -> str | None:
-        """First policy with access to ground truth (upper bound of performance), if any."""
+        """Name of the first policy with access to ground truth, if any."""
         return next(filter(is_bound, self.policies), None)
 
     @cached_property
     def labels(self) -> dict[Case, str]:
-        """Label of each case: its world and the conditions that vary within this world."""
         cases = list(dict.fromkeys(map(case_of, self)))
         labels = {}
         for case in cases:
@@ -93,21 +93,27 @@ class Episodes:
         return {start_of(row): row for row in self.of(policy)}
 
     def unseen(self) -> "Episodes":
-        """Return the episodes with held-out worlds or robots; empty if all are, or if no learned policy takes part."""
+        """Return the episodes in worlds or with robots not used in training.
+
+        The result is empty without learned policies, or if all episodes qualify.
+        """
         found = self.where(lambda row: is_held_out(row["world"], row["robot"]))
         return found if len(found) < len(self) and any(row["model"] for row in self) else Episodes((), self.measures)
 
     def shared(self, policies: Iterable[str] = ()) -> "Episodes":
-        """Return the episodes from starts (case and seed) common to the given policies; default: all competitors."""
+        """Return the episodes with conditions and seeds that all given policies have run.
+
+        Default: all policies without access to ground truth.
+        """
         names = list(policies) or [name for name in self.policies if not is_bound(name)] or self.policies
         starts = set.intersection(*(set(self.by_start(name)) for name in names)) if names else set()
         return self.where(lambda row: start_of(row) in starts)
 
     def related(self, reference: str | None = None) -> "Episodes":
-        """Return the episodes with `Measures.reached` and `Measures.relative` added.
+        """Return the episodes with added columns: `reached`, and times and distances divided by the reference policy's.
 
-        Tables, curves and summary need them. Relative values are shares of the reference's value from the same start,
-        or of its limit if not reached.
+        `reached` is 1 if the episode reached the first threshold, such as 95 % explored. If the reference missed the
+        threshold, the divisor is the time or distance limit.
         """
         references = self.by_start(reference or self.reference) if self.rows else {}
         related = []
@@ -123,17 +129,20 @@ class Episodes:
         return Episodes(related, self.measures)
 
     def values(self, policy: str, measure: Measure) -> list[np.ndarray]:
-        """Return the values of a measure of a policy: one array per case, ordered by seed."""
+        """Return a measure in all episodes of a policy: one array per combination of conditions, ordered by seed."""
         return _strata([row for row in self.of(policy) if measure.name in row], measure)
 
     def pairs(self, a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Return the values of a measure of two policies from common starts: one array per case, in equal order."""
+        """Return a measure of two policies in episodes with equal conditions and seed.
+
+        Both lists have one array per combination of conditions, in equal order.
+        """
         theirs = self.by_start(b)
         shared = [row for row in self.of(a) if measure.name in row and start_of(row) in theirs]
         return _strata(shared, measure), _strata([theirs[start_of(row)] for row in shared], measure)
 
     def estimate(self, policy: str, measure: Measure) -> Estimate:
-        """Estimate a measure of a policy over all cases: an interquartile mean, or a proportion for binary measures.
+        """Return the interquartile mean of a measure for a policy, or the proportion for a binary measure.
 
         Raises:
             ValueError: if no episode has this measure.
@@ -151,7 +160,7 @@ class Episodes:
         return summary
 
     def standing(self, measure: Measure) -> dict[str, Estimate]:
-        """Return the estimates by policy, best first; policies with access to ground truth come last."""
+        """Return the estimates of a measure by policy, best first; policies with access to ground truth come last."""
         names = dict.fromkeys(row["policy"] for row in self if measure.name in row)
         found = {name: self.estimate(name, measure) for name in names}
         sign = -1.0 if measure.higher_is_better else 1.0
@@ -163,9 +172,9 @@ class Episodes:
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
 
     def gaps_closed(self, policy: str) -> dict[str, Estimate]:
-        """Return the share of the gap between reference and ground-truth bound that a policy closes, by measure.
+        """Return a policy's gain over the reference policy, as a share of the gain with ground truth, by measure.
 
-        Only episodes from common starts count. Empty without a bound, and for the reference and the bound.
+        The result is empty for the reference itself, and without a policy that uses ground truth.
         """
         if self.bound is None or policy == self.reference or is_bound(policy):
             return {}
@@ -191,7 +200,7 @@ def _strata(rows: Sequence[Row], measure: Measure, value: Callable[[Row, Measure
 
 
 def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
-    """Return the policies with the best rounded estimate, except those using ground truth; empty if all are equal."""
+    """Return the policies with the best rounded estimate, except those with ground truth; empty if all are equal."""
     shown = {
         policy: (float(measure.text(value.iqm)), value.is_bound[0])
         for policy, value in estimates.items()

@@ -1,4 +1,4 @@
-"""Evaluate policies from Python, as `evaluate.py` does from the command line."""
+"""Python interface to the evaluation that `evaluate.py` runs from the command line."""
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -34,10 +34,10 @@ def evaluate(
     """Run policies in the same worlds with the same seeds and return the statistics.
 
     Args:
-        policies: names of classic policies, `ppo:PATH` or `module:attribute`; or a mapping from names to functions
-            without arguments that make a policy.
-        worlds: names, paths or `module:attribute`; or a mapping from names to `World` objects. `"usual"` takes the
-            world of the environment.
+        policies: classic policies by name, trained policies as `ppo:PATH`, your own as `module:attribute`; or a mapping
+            from names to functions without arguments that make a policy.
+        worlds: names, paths or `module:attribute`; or a mapping from names to `World` objects. `"usual"` is the
+            environment's default.
         id: id of the environment.
         arguments: further arguments of the environment.
         people: numbers of people, or crowds by name.
@@ -46,17 +46,17 @@ def evaluate(
         slam: names of SLAM algorithms, or of localizers in environments with a known map.
         episodes: number of episodes of each policy in each world.
         seed: seed of the first episode; each further episode adds 1.
-        out: folder for rows, pictures and `report.html`. An evaluation in the same folder is resumed. None keeps no
+        out: folder for tables, figures and `report.html`. An evaluation in the same folder is resumed. None keeps no
             files.
         jobs: number of processes.
         trust: modules, or names `module:attribute`, of your own code that learned policies may import.
 
     Returns:
         Statistics by policy, case (world, robot, ...) and measure: interquartile mean, 95 % interval, number of
-        episodes, and number of episodes that did not reach the mark.
+        episodes, and number that missed the threshold.
 
     Raises:
-        ValueError: if an argument is wrong or no episode could be run; the message says what is allowed.
+        ValueError: if an argument is wrong or no episode could be run; lists allowed values.
         lidarnaut.agents.run_folder.CheckpointError: if a learned policy is missing or damaged.
     """
     own = {**(policies if isinstance(policies, Mapping) else {}), **(worlds if isinstance(worlds, Mapping) else {})}

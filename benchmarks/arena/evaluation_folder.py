@@ -17,18 +17,18 @@ from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.envs.files import append_file, naming, own_folder, read_bytes, read_json, read_mapping, write_file
 
 SETTINGS_FILE = "settings.json"
-"""File with the common settings of all rows and the package versions."""
+"""File in the evaluation folder with package versions and the settings common to all episodes."""
 MAX_TABLE_BYTES = 64 * 2**20
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
 
 Row = dict[str, Any]
-"""Values of an episode by column name (`columns_of`)."""
+"""Results of an episode by column name of `episodes.csv`."""
 Readers = Mapping[str, Callable[[str], Any]]
-"""Parser of each column, by column name."""
+"""Functions that parse the text of a CSV cell, by column name."""
 
 
 class Key(NamedTuple):
-    """Identifies an episode; fields are column names."""
+    """Identifier of an episode: policy, conditions and seed, named as columns of `episodes.csv`."""
 
     policy: str
     world: str
@@ -44,16 +44,17 @@ class Key(NamedTuple):
 
 
 def columns_of(measures: Measures) -> Readers:
-    """Return the columns of `episodes.csv`: key, fingerprint of the weights, measures, and end of the episode."""
+    """Return the columns of `episodes.csv`, each with a function that parses its text."""
     own = {measure.name: int if measure.is_share else float for measure in measures.all}
     ending = {"end_reason": str, "duration": float, "time_limit": float, "distance_limit": float}
     return {**Key.__annotations__, "model": str, **own, **ending}
 
 
 class Records:
-    """Evaluation folder with a CSV row per episode, appended as soon as the episode ends.
+    """Results in an evaluation folder: one CSV row per episode, appended as soon as the episode ends.
 
-    Each shard writes its own files, such as `episodes-1of4.csv`, and reads all, so machines may share a folder.
+    Machines that share the folder run parts (shards), write separate files such as `episodes-1of4.csv`, and read all
+    files.
     """
 
     def __init__(
@@ -68,9 +69,9 @@ class Records:
 
         Args:
             folder: evaluation folder.
-            columns: columns of `episodes.csv`.
-            settings: settings common to all rows.
-            shard: part to be added, such as `1of4`; empty for the whole.
+            columns: names and parsers of the columns of `episodes.csv`.
+            settings: settings common to all episodes.
+            shard: part of the evaluation to run, such as `1of4`; empty for all.
             worlds: paths or `module:attribute` of user-defined worlds, by name.
 
         Raises:
@@ -89,7 +90,6 @@ class Records:
         self._read()
 
     def begin(self) -> None:
-        """Prepare to add rows: read the rows of other processes, and raise ValueError on conflicts."""
         self._read()
         if self._shard:
             number, _, total = self._shard.partition("of")
@@ -119,7 +119,7 @@ class Records:
                 )
 
     def find(self, key: Key, model: str = "") -> Row | None:
-        """Return the row of an episode, if any; ValueError if its weights differ from `model`."""
+        """Return the row of an episode, or None; raise ValueError if the hash of its weights differs from `model`."""
         row = self._rows.get(key)
         if row and row["model"] != model:
             raise ValueError(
@@ -129,7 +129,7 @@ class Records:
         return row
 
     def failure(self, key: Key) -> str | None:
-        """Return the reason of a failed episode; None if it succeeded later or never ran."""
+        """Return the reason why an episode failed; None if the episode finished or was never tried."""
         return None if key in self._rows else self._failures.get(key)
 
     def add(self, row: Row) -> None:
@@ -185,7 +185,7 @@ class _Table:
 
 
 def read_table(path: Path, columns: Readers) -> Iterator[Row]:
-    """Yield the complete rows of a table; ValueError if it is damaged or has other columns."""
+    """Yield the complete rows of a CSV table; raise ValueError if the table is damaged or has other columns."""
     try:
         content = read_bytes(path, MAX_TABLE_BYTES).decode()
         header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]

@@ -16,9 +16,9 @@ from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")
 MIN_RATIO_VALUE = 1.0
-"""Minimum time or distance in ratios [s, m]; smaller values are clipped."""
+"""Smaller times [s] and distances [m] are raised to this value before ratios are computed."""
 MARKS = (0.95, 0.99)
-"""Explored fractions of the columns "below 95 %" and "below 99 %" of unfinished explorations."""
+"""Explored fractions below which episodes are counted in the table of unfinished episodes."""
 DRIFT = 0.3
 """Position RMSE above which a map counts as drifted [m]."""
 REASONS = {
@@ -34,7 +34,7 @@ def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cel
 
 
 def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
-    """Return the leaderboard: one row per policy, ranked by the headline measure."""
+    """Return the leaderboard: one row per policy, ranked by the task's main measure, and one column per measure."""
     columns = [marked(episodes.standing(measure), measure) for measure in shown]
     lines = []
     for k, policy in enumerate(episodes.standing(episodes.measures.headline), start=1):
@@ -44,7 +44,7 @@ def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
 
 
 def ranking_sections(episodes: Episodes) -> list[Section]:
-    """Return the leaderboard; if a learned policy takes part, first for held-out starts, then for all."""
+    """Return the leaderboard; with a learned policy, first a leaderboard of worlds or robots not used in training."""
     headline, shown = episodes.measures.headline, episodes.measures.shown
     text = (
         f"Ranked by {headline.label}{f': {headline.note}' if headline.note else ''}. Interquartile means over all "
@@ -86,7 +86,6 @@ def measures_section(episodes: Episodes) -> Section:
 
 
 def gap_section(episodes: Episodes) -> Section | None:
-    """Return a section with the gap to the ground-truth bound that each policy closes; None without a bound."""
     closed = {policy: found for policy in episodes.policies if (found := episodes.gaps_closed(policy))}
     if not closed:
         return None
@@ -103,7 +102,7 @@ def gap_section(episodes: Episodes) -> Section | None:
 
 
 def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | None:
-    """Return a section with paired differences and ratios of every policy to the reference, if there are any."""
+    """Return a report section that compares each policy with the reference policy from the same starts."""
     reference, marks = episodes.reference, episodes.measures.marks
     lines = []
     for policy in episodes.policies:
@@ -154,10 +153,7 @@ def worlds_section(episodes: Episodes) -> Section:
 
 
 def axis_section(episodes: Episodes, axis: str) -> Section | None:
-    """Return a paired comparison of the values of a condition such as SLAM; None if there is only one value.
-
-    Differences are to the base value: `truth`, or the first one.
-    """
+    """Return a report section on the effect of one condition, such as SLAM or physics; None if all values are equal."""
     measures, values = episodes.measures, list(dict.fromkeys(row[axis] for row in episodes))
     if len(values) < 2:
         return None
@@ -186,7 +182,6 @@ def axis_section(episodes: Episodes, axis: str) -> Section | None:
 
 
 def unfinished_section(episodes: Episodes) -> Section:
-    """Return a section with the unfinished episodes by policy and world, and their end reasons."""
     is_covering = "area_left" in {measure.name for measure in episodes.measures.own}
     lines = []
     for policy in episodes.policies:

@@ -1,4 +1,4 @@
-"""Selection of a task's measures for the tables of the arena."""
+"""Selection of the performance measures in each table and figure of an evaluation."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,12 +7,12 @@ from lidarnaut.benchmarks.arena.statistics import Estimate
 from lidarnaut.envs.measures import COMMON, SUCCESS, Measure, headline_of
 
 NUM_BRIEF = 5
-"""Number of measures in the table of a world in the terminal."""
+"""Maximum number of measures printed in the terminal for each world."""
 DECISION = Measure("decision_ms", "decision", "ms", False, digits=2)
 
 
 class Measures:
-    """Measures of a task, grouped by table."""
+    """Performance measures of a task, grouped by the tables and figures that show them."""
 
     def __init__(self, own: Sequence[Measure], progress: str) -> None:
         """Group the measures that a task declares; `progress` is the `info` key plotted over time."""
@@ -23,50 +23,51 @@ class Measures:
         """Measure that ranks the policies."""
         others = tuple(measure for measure in self.own if not measure.is_headline)
         self.marks = tuple(measure for measure in self.own if measure.is_relative)
-        """Time and distance measures that are compared relative to the reference policy."""
+        """Times and distances to a threshold, such as 95 % explored, that are compared relative to the reference
+        policy."""
         self.mark = self.marks[0].label.removeprefix("time to ") if self.marks else ""
-        """Label of the first threshold, such as "95 %"."""
+        """Label of the threshold for relative times, such as "95 %"; empty without one."""
         self.relative = tuple(map(share_of, self.marks))
-        """Time and distance measures as shares of the reference policy's values."""
+        """Times and distances to a threshold, divided by those of the reference policy."""
         self.reached = (
             Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True),
         ) * bool(self.marks)
-        """Binary measure of the first threshold, if any."""
+        """Measure that is 1 if an episode reached the threshold, else 0; an empty tuple without a threshold."""
         self.decisive = (*self.relative, self.headline)[0]
-        """Measure that selects the best policy in the summary."""
+        """Measure that decides which policy the summary names as best."""
         self.compared = self.headline, *(self.marks or others)
-        """Measures of paired comparisons within one world."""
+        """Measures in paired comparisons of policies within one world."""
         self.gaps = self.headline, *(self.relative or others)
-        """Measures of paired comparisons over several worlds."""
+        """Measures in paired comparisons of policies over several worlds."""
         main = self._named(self.progress) if self.marks else others
         ends = SUCCESS, *self._named("collisions", "decision_ms")
         self.shown = self.headline, *main, *self.relative, *self.reached, *ends
-        """Columns of the leaderboard."""
+        """Measures shown as columns of the leaderboard."""
         self.on_axes = self.headline, *(self.reached or (SUCCESS,)), *self._named("position_rmse", "map_iou")
-        """Absolute measures in comparisons of SLAMs, simulators or crowds."""
+        """Measures shown with absolute values in comparisons of SLAMs, simulators or crowds."""
         time = next((measure for measure in self.own if measure.limit), SUCCESS)
         safe, common = self._named("collisions"), COMMON[: NUM_BRIEF - 2]
         story = (self.marks[0], *common) if self.marks else (SUCCESS, time, *safe, *others, *common)
         self.brief = tuple(dict.fromkeys((self.headline, *story)))[:NUM_BRIEF]
-        """Rows of the table in the terminal: the headline, success or the first mark, times, and common measures."""
         self.label = next((measure.label for measure in self._named(self.progress)), "progress")
-        """Axis label of the progress curves."""
+        """Axis label of plots of task progress, such as "explored"."""
 
     def _named(self, *names: str) -> list[Measure]:
         return [measure for name in names for measure in self.all if measure.name == name]
 
 
 def share_of(mark: Measure) -> Measure:
-    """Return a time or distance measure as a share of the reference policy's value."""
+    """Return the measure for a time or distance divided by the value of the reference policy."""
     name, label = f"relative_{mark.name}", f"{mark.label}, relative"
     return replace(mark, name=name, label=label, unit="", digits=2, scale=1.0, limit=f"{name}_limit")
 
 
 def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, str]:
-    """Format an estimate as value and note; `sign="+"` formats a difference.
+    """Format an estimate for a table cell: the value, and a note with the interval, such as ("41", "35 to 47").
 
-    The note is the interval, ("41", "35 to 47"), or for lower bounds the number of episodes that reached the threshold,
-    ("> 310 s", "1 of 8"). If none did: ("never", "> 300 s"), or without a limit ("> 6.0", "never").
+    If some episodes missed a threshold, values may be lower bounds, and the note counts the episodes that reached the
+    threshold: ("> 310 s", "1 of 8"). If none did: ("never", "> 300 s"), or without a limit ("> 6.0", "never").
+    `sign="+"` signs positive values.
     """
     numbers = (measure.text(value, sign) for value in estimate[:3])
     middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))

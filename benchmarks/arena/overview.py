@@ -27,14 +27,17 @@ from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.player import Recording, build_page
 
 MAX_RELATIVE = 3.0
-"""Upper end of relative time and distance axes, as a multiple of the reference's value."""
+"""Upper end of plot axes for time and distance, as a multiple of the reference policy's value."""
 NUM_WORST, NUM_WORST_MAPS = 5, 3
-"""Number of worst episodes listed, and shown with maps."""
+"""Number of worst episodes in the table, and number drawn as maps."""
 COLORS = "Colours: time of first observation of a cell. Red: true walls."
 
 
 def curves_section(folder: Path, episodes: Episodes) -> Section:
-    """Return a section with progress curves and, for relative times, performance profiles."""
+    """Return a report section with curves of task progress over time and distance.
+
+    Tasks with a threshold also get performance profiles.
+    """
     measures, reference, label = episodes.measures, short(episodes.reference), episodes.measures.label
     curves = _relative_curves(folder, episodes)
     unit, end = (f"{reference}'s to {measures.mark}", MAX_RELATIVE) if measures.marks else ("the limit", 1.0)
@@ -75,7 +78,6 @@ def curve_figures(
 
 
 def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[ProgressCurve]]]:
-    """Return curves by policy and case, with time and distance as shares of the reference's values or of the limits."""
     references, marks = episodes.by_start(episodes.reference), episodes.measures.marks
     curves: dict[str, dict[Case, list[ProgressCurve]]] = {}
     for row in episodes:
@@ -94,7 +96,7 @@ def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Pr
 
 
 def worst_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Return a section with the worst episodes of the fastest policy relative to the reference, if there are any."""
+    """Return a report section with the worst episodes of the best policy, compared with the reference policy."""
     measures, reference = episodes.measures, episodes.reference
     policy = next((name for name in episodes.competitors(measures.decisive) if name != reference), None)
     if policy is None or not measures.marks:
@@ -131,7 +133,6 @@ def story(row: Row, measures: Measures) -> str:
 
 
 def gallery_section(folder: Path, episodes: Episodes) -> Section:
-    """Return a section with map sequences of the typical and the worst episode of every policy."""
     strips = []
     for policy in episodes.policies:
         figures = []
@@ -148,7 +149,7 @@ def gallery_section(folder: Path, episodes: Episodes) -> Section:
 
 
 def players_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Write replay pages of typical and worst episodes; return a section with links, None without recordings."""
+    """Write pages that replay the median and the worst episode of every policy; return a report section with links."""
     recorded = episodes.where(lambda row: recording_path(folder, row).exists())
     if not recorded:
         return None

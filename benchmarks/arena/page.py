@@ -20,18 +20,18 @@ from lidarnaut.envs.files import own_folder, printable, write_file
 from lidarnaut.envs.measures import Measure
 
 MAX_OPEN_LINES = 10
-"""Maximum number of table rows shown inline; longer tables are collapsed, or written as CSV."""
+"""Maximum number of rows of a table shown inline. HTML collapses longer tables; Markdown links to a CSV file."""
 
 
 class Cell(NamedTuple):
-    """Table cell."""
+    """Cell of a report table."""
 
     text: str
     note: str = ""
-    """Small print, such as a confidence interval."""
+    """Small print after the text, such as a confidence interval."""
     is_best: bool = False
     link: str = ""
-    """Link target, relative to the report; HTML only."""
+    """Target of a link, relative to the HTML report; ignored in Markdown."""
 
     @classmethod
     def of(cls, value: Estimate, measure: Measure, is_best: bool = False, sign: str = "") -> "Cell":
@@ -39,14 +39,14 @@ class Cell(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Report table; the first column names the rows."""
+    """Table of a report. The first column names the rows."""
 
     head: Sequence[str]
     lines: Sequence[Sequence[Cell]]
     words: tuple[int, ...] = ()
-    """Indices of text columns other than the first."""
+    """Indices of left-aligned text columns, besides the first."""
     is_open: bool = False
-    """Show the table inline at any length."""
+    """Whether a long table is shown inline."""
 
     @property
     def is_folded(self) -> bool:
@@ -54,7 +54,7 @@ class Table(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """PNG or GIF image; `name` is the file name without suffix."""
+    """PNG or GIF image of a report, with caption; `name` is the file name without suffix."""
 
     name: str
     content: bytes
@@ -68,14 +68,14 @@ class Figure(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Self-contained HTML page, embedded in HTML reports."""
+    """Self-contained HTML page, embedded in an HTML report."""
 
     page: str
     title: str
 
 
 class Section(NamedTuple):
-    """Heading with text, tables and figures; nested sections are collapsed."""
+    """Section of a report: heading, texts, tables and figures. Sections inside a section are collapsed."""
 
     title: str
     parts: "tuple[Part, ...]"
@@ -86,16 +86,16 @@ Part = str | Table | Figure | Frame | Section
 
 
 def to_html(sections: Sequence[Section], **more: Any) -> str:
-    """Render a single HTML file with embedded images; `more` is passed to the template."""
+    """Render report sections as one HTML file with embedded images; `more` are variables of the template."""
     folder = jinja2.FileSystemLoader(Path(__file__).parent)
     template = jinja2.Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     return template.get_template("report.html").render(sections=sections, **more)
 
 
 def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, folder: Path) -> None:
-    """Write a report as Markdown, with images and long tables in `folder`, which is cleared first.
+    """Write a report as a Markdown page, with figures and long tables as files in `folder`.
 
-    Only `text` may contain Markdown; other text is escaped.
+    PNG and CSV files in `folder` are deleted first. Only `text` may contain Markdown; other text is escaped.
     """
     own_folder(folder.parent, folder.name)
     for old in (*folder.glob("*.png"), *folder.glob("*.csv")):

@@ -1,4 +1,4 @@
-"""Figures of the arena: curves, comparisons of policies, and maps."""
+"""Plotting functions for evaluations: curves, comparisons of policies, and maps."""
 
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -28,12 +28,10 @@ def _hex(color: style.Colour) -> str:
 
 PAPER, INK, MUTED = "#ffffff", _hex(style.INK), _hex(style.MUTED)
 UNKNOWN, ERROR = "#e7e9ed", "#d43d2a"
-"""Colours of unobserved map cells and of true walls."""
 LINES = (*map(_hex, (style.TRUE, style.ESTIMATED, style.FRONTIER, style.LOOP)), "#d69400", "#42a5e0")
-"""Colours of policies; they repeat with the next line style."""
+"""Line colours of policies; further policies repeat the colours with the next line style."""
 DASHES = ("solid", (0, (5.0, 1.2)), (0, (6.0, 1.5, 1.5, 1.5)))
 TIMES = LinearSegmentedColormap.from_list("times", ("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"))
-"""Colour map for the time of first observation of a map cell."""
 STYLE: dict[Any, Any] = {
     "axes.edgecolor": MUTED,
     "axes.grid": True,
@@ -56,7 +54,7 @@ STYLE: dict[Any, Any] = {
 NUM_COLORS = 128
 NUM_POINTS = 200
 MAX_SHARE = 1.6
-"""Upper end of the axis of relative times; slower policies are drawn at the edge."""
+"""Upper end of the axis for times relative to the reference policy. Slower policies are drawn at the edge."""
 
 Extent = tuple[float, float, float, float]
 """Plot limits (x_min, x_max, y_min, y_max), world frame [m]."""
@@ -64,7 +62,7 @@ Bands = Mapping[str, Band]
 
 
 def render(draw: Callable[..., Figure], *arguments: Any) -> bytes:
-    """Call `draw` and return its figure as a PNG file."""
+    """Return the figure that `draw(*arguments)` creates, as the content of a PNG file."""
     buffer, small = io.BytesIO(), io.BytesIO()
     with matplotlib.rc_context(STYLE):
         draw(*arguments).savefig(buffer, format="png")
@@ -85,10 +83,10 @@ def line_styles(policies: Sequence[str]) -> dict[str, dict[str, Any]]:
 def sample_curves(
     curves: Mapping[str, Sequence[Sequence[ProgressCurve]]], over: str, end: float | None = None
 ) -> tuple[np.ndarray, Bands]:
-    """Average progress curves on a common grid, and return the grid, shape (points,), and a band per policy.
+    """Average progress curves over time or distance; return the x values and a curve with 95 % interval per policy.
 
-    Ended episodes keep their last value. `curves` are by policy and stratum; `over` is `time` or `path_length`; `end`
-    is the last grid point, by default the end of the longest episode.
+    `curves` has one list of curves per policy and world; `over` is `time` or `path_length`; `end` is the last x value,
+    by default that of the longest episode. Ended episodes keep their last progress.
     """
     if end is None:
         end = max(float(getattr(c, over)[-1]) for strata in curves.values() for stratum in strata for c in stratum)
@@ -100,7 +98,7 @@ def sample_curves(
 
 
 def draw_bands(grid: np.ndarray, bands: Bands, xlabel: str, ylabel: str, has_roots: bool = False) -> Figure:
-    """Plot a curve with a 95 % interval per policy, in percent; `has_roots` selects a square-root x axis."""
+    """Plot a curve in percent with its 95 % interval for each policy; `has_roots` selects a square-root x axis."""
     figure, end = Figure(figsize=(6.6, 3.6)), float(grid[-1])
     axes, looks, lines = figure.subplots(), line_styles(list(bands)), list[Line2D]()
     alpha = 0.18 if len(bands) <= 4 else 0.09
@@ -128,7 +126,7 @@ def draw_values(
     title: str,
     are_shares: bool,
 ) -> Figure:
-    """Plot a dot with its interval and a text for every policy; `marked` policies are coloured.
+    """Plot an estimate with interval and text for each policy; `marked` policies are coloured.
 
     `levels` are labelled vertical lines. If `are_shares`, the axis ends at `MAX_SHARE`.
     """
@@ -164,9 +162,9 @@ def draw_values(
 
 
 def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
-    """Plot the growth of the maps of several policies: one row per policy, one column per time.
+    """Plot the maps of several policies over time: one row per policy, one column per time.
 
-    Free cells are coloured by the time of first observation, over the true walls.
+    Free cells are coloured by the time of first observation, and overlaid with true walls.
     """
     extent = extent_of(list(traces.values()))
     ends = [float(trace.curve.time[-1]) for trace in traces.values()]
@@ -196,7 +194,7 @@ def extent_of(traces: Sequence[Trace]) -> Extent:
 
 
 def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent) -> None:
-    """Draw the map known at time `moment` [s]; `end` is the time of the last colour [s]."""
+    """Draw the map known at `moment` [s], with path and true walls; `end` is the last time of the colour scale [s]."""
     since, data = trace.known_since, trace.grid.data
     known = since <= moment
     picture = np.full((*data.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Policies from their names on the command line."""
+"""Construction of policies from their names on the command line."""
 
 import glob
 import re
@@ -19,16 +19,16 @@ from lidarnaut.baselines.policy import Policy as Driver
 from lidarnaut.envs.files import explain_unknown, load_object, resolve
 
 Makers = Mapping[str, Callable[[], Any]]
-"""Constructors of the classic policies of a task, by name; see `baselines.policies_for`."""
+"""Constructors of the classic (not learned) policies for a task, by name."""
 
 
 def is_bound(policy: str) -> bool:
-    """Return True if the name marks access to ground truth: an upper bound, not a competitor."""
+    """Return whether a policy's name has the suffix for ground truth."""
     return policy.endswith(GROUND_TRUTH)
 
 
 def short(policy: str) -> str:
-    """Return a short name for legends: `ppo:a/long/path` becomes `ppo path`."""
+    """Return a short name of a policy for legends: `ppo:a/long/path` becomes `ppo path`."""
     kind, _, path = policy.removesuffix(GROUND_TRUTH).partition(":")
     parts = [part for part in path.split("/") if part not in ("", "checkpoints")]
     return f"{kind} {parts[-1]}{GROUND_TRUTH * is_bound(policy)}" if parts and len(path) > 24 else policy
@@ -36,28 +36,28 @@ def short(policy: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """Picklable description of a policy."""
+    """Picklable record to construct a policy in any process."""
 
     name: str
     """Name or label given by the user, with a suffix if the policy uses ground truth."""
     source: Any = None
-    """Argument of `lidarnaut.agents.policies.make_policy`, or its `module:attribute`."""
+    """Policy object, class or function, or its import path `module:attribute`; None for a learned policy."""
     checkpoint: str = ""
-    """Checkpoint folder of a learned policy, resolved once."""
+    """Path of the checkpoint folder of a learned policy; empty for other policies."""
     is_pursuit: bool = False
-    """Use the `pursuit` explorer's driving with a learned frontier score."""
+    """Whether the checkpoint only scores frontiers, and the explorer `pursuit` drives the robot."""
     deterministic: bool = True
-    """Whether a learned policy takes its most likely action, or samples."""
+    """Whether a learned policy takes its most likely action; otherwise it samples."""
     trust: tuple[str, ...] = ()
-    """Modules and names that a checkpoint may import; see `lidarnaut.agents.trust`."""
+    """Python modules and `module:attribute` names that a checkpoint may import."""
     model: str = ""
-    """First 12 digits of the SHA-256 of the weights."""
+    """First 12 digits of the SHA-256 hash of the network weights."""
     observes: bool = False
-    """Whether the policy acts on observations, or on sensor readings and beliefs."""
+    """Whether the policy takes Gymnasium observations; otherwise, sensor readings and the SLAM estimate."""
     level: Level | None = None
-    """Type of action, `twist` or `decision`; None if not declared."""
+    """Type of action: `twist` (velocity command) or `decision` (choice of a frontier); None if not declared."""
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
-    """Environment arguments required by the policy."""
+    """Environment arguments required by the policy, by name."""
 
     def make(self, space: spaces.Space | None = None) -> Driver:
         if self.checkpoint:
@@ -71,12 +71,12 @@ class Policy:
 def parse_policy(
     name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any] | None = None, trust: Iterable[str] = ()
 ) -> Policy:
-    """Return the policy with a name, after constructing it once as a check.
+    """Return the policy with a given name, after constructing it once as a check.
 
-    Names: a classic policy, also with parameters (`nearest?max_time=8,inflation=0.3`), `ppo:PATH`, `pursuit:PATH`
-    (learned frontier score with pursuit driving), or `module:attribute`; all but plain classic names may follow
-    `LABEL=`. PATH is a run or checkpoint folder, or `pretrained/NAME`; of several matches of `*`, the last.
-    `?deterministic=false` samples actions.
+    Names are those of classic policies, also with parameters (`nearest?max_time=8,inflation=0.3`), `ppo:PATH` or
+    `learned:PATH` (trained policy), `pursuit:PATH` (trained frontier score, driven by `pursuit`), or `module:attribute`
+    (user code). `LABEL=` may precede all but plain classic names. PATH is a run or checkpoint folder, or
+    `pretrained/NAME`; a pattern with `*` selects the last match. `?deterministic=false` samples actions.
 
     Raises:
         ValueError: if the policy is unknown or unsuitable for the task; lists the allowed ones.
@@ -127,11 +127,6 @@ def _read_changes(changes: str) -> dict[str, Any]:
 
 
 def make_changed(make: Callable[..., Any], changes: str) -> Any:
-    """Construct a classic policy with changed parameters, such as `max_time=8,inflation=0.3`.
-
-    Raises:
-        ValueError: if a parameter is unknown; lists the allowed ones.
-    """
     pending = _read_changes(changes)
     allowed: list[str] = []
 

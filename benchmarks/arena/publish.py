@@ -38,7 +38,10 @@ DOCS_TEXT = "See [measures and statistics](measures.md); `arena/episodes.csv` ho
 
 
 def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how: Any) -> list[Result]:
-    """Run an evaluation with a progress bar; print and return the episodes that failed. `how`: see `Evaluation.run`."""
+    """Run the missing episodes of an evaluation with a progress bar; print and return the failed episodes.
+
+    `how` are further arguments of `Evaluation.run`.
+    """
     headline = evaluation.measures.headline
     with Progress(total=evaluation.total, initial=evaluation.done, desc="episodes", unit="episode") as bar:
 
@@ -55,7 +58,6 @@ def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how
 
 
 def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[int, str]]:
-    """Return number and policies of failed episodes, by world and reason."""
     groups: dict[tuple[str, str], list[str]] = {}
     for failure in failures:
         where = f"{failure.key.world} with {failure.key.robot}"
@@ -65,15 +67,15 @@ def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[in
 
 
 def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None) -> Summary:
-    """Write `summary.json`, figures, leaderboard and `report.html` to the evaluation folder.
+    """Write `summary.json`, figures, leaderboard and `report.html` to the folder of an evaluation.
 
     Args:
-        evaluation: evaluation, complete or not.
+        evaluation: complete or incomplete evaluation.
         command: command line shown in the report.
-        docs: documentation folder for `arena.md` and `arena/`, optional.
+        docs: if given, also write `arena.md` and `arena/` to this folder.
 
     Raises:
-        ValueError: if there are no episodes.
+        ValueError: if no episode is finished.
     """
     folder, settings, measures = evaluation.folder, evaluation.settings, evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)
@@ -135,10 +137,6 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
 
 
 def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) -> Section | None:
-    """Return a section with the missing episodes and the reasons; None if complete.
-
-    `num_fair` of `num_rows` episodes are from starts common to all competitors.
-    """
     if not missing:
         return None
     groups = group_failures([one for one in missing if one.reason != NOT_RUN])
@@ -175,9 +173,9 @@ def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
 
 
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console, all: bool = False) -> None:
-    """Print a table per case, or the leaderboard if there are several, and the path of the report.
+    """Print a table per world, the leaderboard over several worlds, and the path of the report.
 
-    `all`: print all measures, not only `Measures.brief`.
+    `all` prints all measures.
     """
     console, report, measures = make_console(), printable(evaluation.folder / "report.html"), evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)

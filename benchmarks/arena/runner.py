@@ -28,7 +28,6 @@ from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 @contextlib.contextmanager
 def _blaming(culprit: str) -> Iterator[None]:
-    """Convert unexpected exceptions to a ValueError that names the faulty component."""
     try:
         yield
     except (ValueError, RuntimeError, ImportError, OSError):
@@ -38,7 +37,7 @@ def _blaming(culprit: str) -> Iterator[None]:
 
 
 class Evaluation:
-    """All episodes of an evaluation, with a folder for the results; resumes an incomplete evaluation."""
+    """Evaluation of policies with results in a folder. An incomplete evaluation in the folder is resumed."""
 
     def __init__(
         self,
@@ -48,12 +47,12 @@ class Evaluation:
         given: Mapping[str, Any] | None = None,
         trust: Iterable[str] = (),
     ) -> None:
-        """Check the settings by constructing every environment and policy once.
+        """Create or resume an evaluation, after constructing every environment and policy once as a check.
 
         Args:
-            settings: episodes to run.
+            settings: policies, worlds, conditions and numbers of episodes.
             folder: output folder.
-            shard: part for `run`, such as `2/4` (every fourth start); None for all.
+            shard: part that `run` executes, such as `2/4` (every fourth start); None for all.
             given: user-defined policies, worlds, robots and SLAMs by name; picklable for several processes.
             trust: modules and names that checkpoints may import; see `lidarnaut.agents.trust`.
 
@@ -93,11 +92,9 @@ class Evaluation:
         self._records = Records(folder, self.columns, common, self._shard, own_worlds)
         self._missing = self._not_found(own)
         self.total = len(own)
-        """Number of episodes of this shard."""
 
     @property
     def done(self) -> int:
-        """Number of finished episodes of this shard."""
         return self.total - len(self._missing)
 
     def run(
@@ -108,14 +105,14 @@ class Evaluation:
         bags: Path | None = None,
         record: bool = False,
     ) -> list[Result]:
-        """Run the missing episodes and return the failed ones.
+        """Run the episodes without a result, and return the failed episodes.
 
         Args:
             jobs: number of processes.
             ray: address of a Ray cluster to use instead.
             on_result: called after each episode, also after a failure.
             bags: output folder for ROS 2 bags of the episodes; None for none.
-            record: whether to record the episodes for the player.
+            record: whether to record the episodes for replay in a browser.
 
         Raises:
             ValueError: if an argument is invalid, or the folder has a different number of shards.
@@ -153,15 +150,14 @@ class Evaluation:
         return failures
 
     def rows(self) -> list[Row]:
-        """Return the finished episodes of all shards."""
+        """Return the results of finished episodes, including those from other machines."""
         return list(filter(None, map(self._find, self._tasks)))
 
     def slam_axis_rows(self) -> list[Row]:
-        """Return the finished episodes of the SLAM comparison."""
         return list(filter(None, map(self._find, self._axis_tasks)))
 
     def missing(self) -> list[Result]:
-        """Return the missing episodes of all shards with the reasons."""
+        """Return the episodes without a result, including those of other machines, each with the reason."""
         missing = self._not_found(self._all_tasks.values())
         return [Result(task.key, reason=self._records.failure(task.key) or NOT_RUN) for task in missing]
 
@@ -172,7 +168,6 @@ class Evaluation:
         return [task for task in tasks if self._find(task) is None]
 
     def _check_cases(self) -> Makers:
-        """Construct the environment of every case; read the measures and return the task's classic policies."""
         classic: Makers | None = None
         faults: list[BaseException] = []
         for case, seed, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
@@ -221,11 +216,6 @@ class Evaluation:
         return list(tasks.values())
 
     def _id_for(self, policy: Policy) -> str:
-        """Return the environment id for a policy: frontier policies run in `ExploreFrontiers`.
-
-        Raises:
-            ValueError: if the policy's actions do not fit the environment.
-        """
         id = self.settings.id
         if policy.level is None or (policy.level == "decision") == self._chooses:
             return id

@@ -18,38 +18,35 @@ from lidarnaut.envs.slam import DEFAULT_SLAM
 from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 USUAL = "usual"
-"""Stands for the environment's default; for robots, the default of each world."""
+"""Value of a setting that selects the environment's default; for robots, the default of each world."""
 GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES), "barn": BARN_NAMES, "barn_test": BARN_NAMES[::6]}
-"""Names for groups of worlds; `barn_test` is every sixth BARN world, as in the BARN benchmark.
+"""Names of the worlds in each group. `barn_test` is every sixth BARN world, as in the BARN benchmark.
 
 :meta hide-value:"""
 
 
 def estimator_of(id: str) -> str:
-    """Return the environment's argument for the pose estimator, `slam` or `localizer`; empty without one."""
+    """Return the environment argument for the pose estimator, `slam` or `localizer`; empty without one."""
     return next((name for name in ("slam", "localizer") if name in arguments_of(id)), "")
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Conditions of an episode, as environment arguments or `usual`."""
+    """Conditions of an episode: values of environment arguments, or `usual` for the environment's default."""
 
     world: str
     robot: str
     physics: str
     slam: str
-    """SLAM, or localizer."""
+    """Name of the SLAM algorithm, or of the localizer on a known map."""
     people: str = USUAL
-    """Number of people or crowd preset, see `lidarnaut.envs.simulation.crowd.crowd_of`."""
+    """Number of people, or name of a crowd preset."""
     label: str = ""
-    """Name of the world in tables; empty for `world`."""
     id: str = EXPLORE
-    """Environment id."""
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
-    """Further environment arguments, common to all cases."""
 
     def name(self, part: str) -> str:
-        """Return the table name of `world`, `physics`, `slam` or `people`, with defaults resolved."""
+        """Return the name of a condition in tables; `part` is `world`, `physics`, `slam` or `people`."""
         value, argument = getattr(self, part), estimator_of(self.id) if part == "slam" else part
         if part == "world" and self.label:
             return self.label
@@ -61,11 +58,9 @@ class Case:
     def make_env(
         self, given: Mapping[str, Any] = MappingProxyType({}), needed: Mapping[str, Any] = MappingProxyType({})
     ) -> gymnasium.Env[Any, Any]:
-        """Construct the environment, with test worlds of procedural families.
+        """Construct the environment, with procedural worlds from the test split.
 
-        Args:
-            given: user-defined worlds, robots and SLAMs by name.
-            needed: arguments required by the policy.
+        `given` holds user-defined worlds, robots and SLAMs by name; `needed`, arguments required by the policy.
         """
         parts = {"world": self.world, "robot": self.robot, "physics": self.physics, "people": self.people}
         parts[estimator_of(self.id)] = self.slam
@@ -75,10 +70,10 @@ class Case:
 
 
 def parse_world(name: str) -> tuple[str, str]:
-    """Split `LABEL=WORLD` into label and world; without a label, both are the world.
+    """Split `LABEL=WORLD` into label and world. Without a label, both are the world.
 
     Raises:
-        ValueError: if label or world is a library world, family or group.
+        ValueError: if label or world of `LABEL=WORLD` is a library world, procedural family or group.
     """
     if not (match := re.fullmatch(r"([\w.-]+)=(.+)", name)):
         return name, name
@@ -95,52 +90,52 @@ Episodes = Annotated[int, Field(ge=1, le=100_000)]
 
 
 class SlamAxis(Section):
-    """Comparison of the same policies under several SLAMs; without worlds it is omitted."""
+    """Comparison of SLAM algorithms with the same policies. It is omitted if `worlds` is empty."""
 
     policies: tuple[str, ...] = ()
     worlds: tuple[str, ...] = ()
     episodes: Episodes = 5
-    """Episodes per policy, world and SLAM."""
+    """Number of episodes per policy, world and SLAM."""
     slam: tuple[str, ...] = Field(default=("truth", "odometry", DEFAULT_SLAM), min_length=1)
-    """SLAMs; the others are compared with `truth`, or else with the first."""
+    """Names of SLAM algorithms. The others are compared with `truth`, if included, or with the first."""
 
 
 class Settings(Section):
-    """Settings of an evaluation: all combinations of robots, physics, SLAM and people run in each world."""
+    """Settings of an evaluation. Policies run in each world with all combinations of robot, physics, SLAM, people."""
 
     policies: tuple[str, ...] = Field(min_length=1)
-    """Classic policies by name, learned ones as `ppo:PATH`, your own as `module:attribute`; `LABEL=ppo:PATH` sets the
-    table name."""
+    """Names of classic policies, `ppo:PATH` of trained policies, or `module:attribute` of your code. `LABEL=ppo:PATH`
+    sets the name in tables."""
     id: str = EXPLORE
-    """Environment id, `module:id` for your own."""
+    """Environment id; `module:id` for an environment of your own."""
     arguments: tyro.conf.Suppress[dict[str, Any]] = Field(default_factory=dict)
     """Further environment arguments; on the command line as `--arguments.goal_tolerance 0.2`."""
     worlds: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
     """Library worlds, procedural families (test split), paths of world files or ROS maps, `module:attribute`, or the
-    groups `library`, `families`, `barn` and `barn_test` (every sixth); `barn:12` is a single world, `usual` the
-    environment's default. `LABEL=PATH` sets the table name."""
+    groups `library`, `families`, `barn` and `barn_test` (every sixth BARN world). `barn:12` is a single world,
+    `usual` the environment's default. `LABEL=PATH` sets the name in tables."""
     episodes: Episodes = 10
-    """Episodes per policy and world."""
+    """Number of episodes per policy and world."""
     family_episodes: Episodes | None = None
-    """Episodes per policy and procedural family, each in a new world; null for `episodes`."""
+    """Number of episodes per policy and procedural family, each in a new world; null for the value of `episodes`."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
-    """Seed of the first episode; later episodes count up. It sets world, start and noise."""
+    """Seed of the first episode; each further episode adds 1. The seed sets world, start and noise."""
     robots: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--robot"])] = Field(default=(USUAL,), min_length=1)
     """Robots by name, path or `module:attribute`; `usual` is the default of each world."""
     physics: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
-    """`bullet`, `kinematic`; `usual` is the environment's default."""
+    """Simulators: `bullet`, `kinematic`, or `usual` for the environment's default."""
     slam: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--localizer"])] = Field(default=(USUAL,), min_length=1)
-    """`hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth` or `module:attribute`; for localizers `amcl`,
-    `odometry` or `truth`."""
+    """SLAMs: `hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth` or `module:attribute`. With a known map,
+    localizers: `amcl`, `odometry` or `truth`."""
     people: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
     """Numbers of people, or presets (`sparse`, `dense`, `corridor`, `doorway`, `crossing`), optionally with parameters:
     `20?attentive=0.5,model=orca`; `usual` is the environment's default."""
     time_limit: PositiveFloat | None = None
-    """Time limit of an episode [s]; null scales with the world."""
+    """Time limit of an episode [s]; null for a limit that grows with the world."""
     world_sections: bool = True
-    """Add curves, maps and tables of every world to the report."""
+    """Whether the report has curves, maps and tables of every world."""
     slam_axis: SlamAxis = SlamAxis()
-    """Comparison of SLAMs."""
+    """Additional comparison of SLAM algorithms."""
 
     @field_validator("people")
     @classmethod
@@ -176,14 +171,14 @@ class Settings(Section):
         return tuple(dict.fromkeys((*self.policies, *self.slam_axis.policies)))
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield case, seed and policies of all episodes."""
+        """Yield conditions, seed and policy names of all episodes, without the SLAM comparison."""
         for case in self._cases(self.worlds, self.robots, self.physics, self.slam, self.people):
             episodes = (case.name("world") in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):
                 yield case, seed, self.policies
 
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield case, seed and policies of the SLAM comparison; may overlap with `starts`."""
+        """Yield conditions, seed and policy names of the SLAM comparison."""
         axis = self.slam_axis
         for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam, self.people[:1]):
             for seed in range(self.seed, self.seed + axis.episodes):

@@ -1,7 +1,7 @@
-"""Estimates with confidence intervals from few episodes.
+"""Estimates with confidence intervals from few episodes, by a bootstrap stratified by world.
 
 Source: Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice" (2021). `Strata` holds
-one array of shape (episodes,) per world. SciPy's `bootstrap` refuses strata of one episode.
+one array of shape (episodes,) per world. SciPy's `bootstrap` rejects strata of one episode.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,28 +12,27 @@ from scipy import stats
 
 Strata = Sequence[np.ndarray]
 TAILS = (0.025, 0.975)
-"""Quantiles of the 95 % interval."""
+"""Quantiles at the ends of the 95 % interval."""
 NUM_RESAMPLES, NUM_CURVE_RESAMPLES = 2000, 500
 """Number of bootstrap resamples for scalars, and for curves."""
 
 
 class Estimate(NamedTuple):
-    """Estimate with a 95 % interval."""
+    """Estimate of a statistic with its 95 % interval."""
 
     iqm: float
     """Point estimate, by default an interquartile mean."""
     low: float
     high: float
     n: int
-    """Number of episodes."""
     never: int = 0
-    """Number of episodes that never reached the threshold and count as their limit."""
+    """Number of episodes that missed the threshold and have the time or distance limit as value."""
     is_bound: tuple[bool, ...] = (False, False, False)
-    """Whether estimate, lower and upper end are only lower bounds, because of such limits."""
+    """Whether estimate, lower and upper end are only lower bounds, because episodes missed the threshold."""
 
 
 Band = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Curve and both ends of its 95 % interval, shape (points,) each, or scalars."""
+"""Curve, lower end and upper end of its 95 % interval: shape (points,) each, or scalars."""
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -42,9 +41,9 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 
 
 def bootstrap(strata: Strata, statistic: Callable[..., np.ndarray], num_resamples: int = NUM_RESAMPLES) -> Band:
-    """Return a statistic with its percentile interval from the stratified bootstrap.
+    """Return a statistic with its 95 % percentile interval from the bootstrap.
 
-    Strata have shape (episodes,) or (episodes, points).
+    `strata`, one array per world, have shape (episodes,) or (episodes, points). Each is resampled separately.
 
     Raises:
         ValueError: if a stratum is empty.
@@ -61,7 +60,6 @@ def bootstrap(strata: Strata, statistic: Callable[..., np.ndarray], num_resample
 
 
 def _draws(strata: Strata, num_resamples: int) -> np.ndarray:
-    """Return episode indices resampled within each stratum: shape (num_resamples, episodes)."""
     rng, first, draws = np.random.default_rng(0), 0, []
     for size in map(len, strata):
         draws.append(first + rng.integers(size, size=(num_resamples, size)))
@@ -72,9 +70,9 @@ def _draws(strata: Strata, num_resamples: int) -> np.ndarray:
 def estimate(
     strata: Strata, reached: Strata | None = None, statistic: Callable[..., np.ndarray] = interquartile_mean
 ) -> Estimate:
-    """Estimate a statistic with its stratified bootstrap interval; a single episode gives zero width.
+    """Estimate a statistic with its 95 % bootstrap interval, of zero width for a single episode.
 
-    Values with `reached` False (shapes as `strata`) are only lower bounds.
+    `strata` has one array per world. `reached`, bool, is False for values that are only lower bounds.
     """
     middle, low, high = map(float, bootstrap(strata, statistic))
     found = Estimate(middle, low, high, sum(map(len, strata)))
@@ -87,7 +85,7 @@ def estimate(
 
 
 def success_rate(strata: Strata) -> Estimate:
-    """Return the success rate (outcomes 0 or 1) with its Wilson score interval."""
+    """Return the success rate (mean of outcomes 0 or 1) with its 95 % Wilson score interval."""
     outcomes = np.concatenate(strata)
     interval = stats.binomtest(int(outcomes.sum()), len(outcomes)).proportion_ci(method="wilson")
     return Estimate(float(outcomes.mean()), float(interval.low), float(interval.high), len(outcomes))
@@ -106,15 +104,15 @@ def paired_ratio(a: Strata, b: Strata) -> Estimate:
 
 
 def probability_of_improvement(a: Strata, b: Strata, higher_is_better: bool) -> Estimate:
-    """Return the share of pairs with a better than b; ties count half."""
+    """Return the share of paired episodes with a better value in `a` than in `b`; ties count as half."""
     sign = 1.0 if higher_is_better else -1.0
     return estimate([0.5 + 0.5 * np.sign(sign * (x - y)) for x, y in zip(a, b, strict=True)], statistic=np.mean)
 
 
 def gap_closed(gains: Strata, bounds: Strata) -> Estimate:
-    """Return the gain of a policy over the reference as a share of the bound's gain (ratio of interquartile means).
+    """Return the gain of a policy over the reference policy, divided by the gain of an upper bound.
 
-    NaN if the bound's gain is not significantly positive.
+    Gains are interquartile means. NaN if the bound's gain is not significantly positive.
     """
     gap = estimate(bounds)
     if gap.low <= 0.0:

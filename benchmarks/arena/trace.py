@@ -1,4 +1,4 @@
-"""Traces of episodes: progress, estimated path, and growth of the map."""
+"""Recorded data of episodes for plots: progress, estimated path, and growth of the map."""
 
 import io
 import re
@@ -21,37 +21,36 @@ WHAT, HINT = "trace of an episode", "choose another --out, or remove the folder"
 
 
 class ProgressCurve(NamedTuple):
-    """Progress over an episode: samples at the reset and after every step, shape (n,), float64."""
+    """Task progress at the reset and after every step: shape (n,), float64 when recorded, float32 when loaded."""
 
     time: np.ndarray
     """Time since the reset [s]."""
     path_length: np.ndarray
     """True distance driven, summed over robots [m]."""
     progress: np.ndarray
-    """Task progress, 0 to 1."""
+    """Share of the task completed, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """Trace of an episode; trail and map in the map frame, walls and start in the world frame."""
+    """Progress, path and map of an episode. Path and map are in the map frame, true obstacles in the world frame."""
 
     curve: ProgressCurve
     trail: np.ndarray
-    """Estimated positions of the first robot, shape (n, 2), float32 [m]."""
+    """Estimated positions (x, y) of the first robot in the map frame, shape (n, 2), float32 [m]."""
     grid: OccupancyGrid
     """Final map, cropped to known cells."""
     known_since: np.ndarray
-    """Time of first observation of each map cell, float32 [s]; inf if unobserved."""
+    """Time when each map cell was first observed, shape (rows, columns), float32 [s]; inf if unobserved."""
     start: Pose2D
     """Pose of the map frame in the world frame."""
     segments: np.ndarray
-    """True walls (x0, y0, x1, y1), shape (k, 4), float32 [m]."""
+    """True walls (x0, y0, x1, y1) in the world frame, shape (k, 4), float32 [m]."""
     circles: np.ndarray
-    """True cylinders (x, y, radius), shape (m, 3), float32 [m]."""
+    """True cylinders (x, y, radius) in the world frame, shape (m, 3), float32 [m]."""
 
     @property
     def has_grown(self) -> bool:
-        """Whether the map has grown after the reset."""
         known = self.known_since[np.isfinite(self.known_since)]
         return bool(known.size and known.max() > known.min())
 
@@ -82,7 +81,7 @@ class Trace:
 
 
 class Recorder:
-    """Records the trace of an episode; pass `watch` to `run_episode`."""
+    """Records progress, path and map growth of an episode; `watch` is called after every step."""
 
     def __init__(self, env: LidarEnv) -> None:
         self._env = env
@@ -144,6 +143,6 @@ def load_curve(folder: Path, row: Row) -> ProgressCurve:
 
 
 def slug(name: str) -> str:
-    """Return a unique file name part for a name or path."""
+    """Convert a name or path to a unique file name."""
     simple = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_")
     return name if simple == name else f"{simple[-60:]}-{zlib.crc32(name.encode()):08x}"

@@ -12,11 +12,11 @@ from lidarnaut.benchmarks.arena.statistics import Estimate, paired_difference
 from lidarnaut.envs.measures import Measure
 
 NUM_NAMED = 3
-"""Maximum number of tied policies named in the sentence."""
+"""Maximum number of tied policies that the summary names."""
 
 
 def verdict_section(episodes: Episodes) -> Section | None:
-    """Return a section with the best policy, first for held-out starts; None with fewer than two competitors."""
+    """Return a report section that names the best policy; None with fewer than two ranked policies."""
     measures, measure = episodes.measures, episodes.measures.decisive
     if len(episodes.competitors(measure)) < 2:
         return None
@@ -50,7 +50,7 @@ def verdict_section(episodes: Episodes) -> Section | None:
 
 
 def verdict(episodes: Episodes) -> str:
-    """Return a sentence with the best policy, its margin, tied policies and the ground-truth bound.
+    """Return a sentence with the best policy and its result, tied policies, and the result with ground truth.
 
     Policies are tied if the 95 % interval of their paired difference contains 0.
     """
@@ -90,7 +90,6 @@ def _bound(episodes: Episodes, measure: Measure) -> tuple[str, Estimate] | None:
 
 
 def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) -> list[str]:
-    """Return the policies without a significant difference to the best one."""
     leader, *others = values
     sign = 1.0 if measure.higher_is_better else -1.0
     gaps = {policy: paired_difference(*episodes.pairs(policy, leader, measure)) for policy in others}

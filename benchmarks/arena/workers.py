@@ -29,30 +29,29 @@ from lidarnaut.envs.processes import interrupts_held
 from lidarnaut.envs.wrappers import BagRecorder
 
 WARM_UP_STEPS = 20
-"""Number of untimed steps per policy and process, for compilation and loading."""
+"""Number of untimed steps per policy and process, for compilation."""
 NOT_RUN = "not tried yet"
-"""Reason of episodes that were never run."""
 FAULTS = (Exception, SystemExit)
-"""Exceptions of user code that do not end the evaluation."""
+"""Exceptions caught in user code. The episode fails, and the evaluation continues."""
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Episode to run."""
+    """Episode to run in a process: policy, conditions and outputs."""
 
     key: Key
     policy: Policy
     case: Case
     given: Mapping[str, Any] = field(default_factory=dict)
-    """User-defined world, robot and SLAM by name."""
+    """User-defined world, robot and SLAM objects, by name."""
     bag: Path | None = None
-    """Output file for a ROS 2 bag, optional."""
+    """Output file for a ROS 2 bag; None for no bag."""
     has_recording: bool = False
-    """Whether to record the episode for the player."""
+    """Whether to record the episode for replay in a browser."""
 
     @property
     def conditions(self) -> tuple[Any, ...]:
-        """Environment key; tasks with equal keys share an environment."""
+        """Key that identifies the environment. Episodes with equal keys run in the same environment object."""
         return self.case, repr(self.policy.arguments)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
@@ -61,17 +60,16 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Result of an episode: its table row, or the reason of a failure."""
+    """Result of an episode: measured values, or the reason of a failure."""
 
     key: Key
     row: Row | None = None
-    """Row of the episode; None after a failure."""
+    """Values by column name of `episodes.csv`; None after a failure."""
     trace: bytes = b""
-    """Content of the trace file."""
+    """Content of the file with progress, path and map; empty after a failure."""
     recording: bytes = b""
-    """Content of the recording file, empty without one."""
+    """Content of the replay file; empty without a recording."""
     reason: str = ""
-    """Reason of a failure."""
 
 
 def explain_fault(error: BaseException) -> str:
@@ -80,7 +78,7 @@ def explain_fault(error: BaseException) -> str:
 
 
 def run_all(tasks: list[Job], jobs: int, ray: str | None = None) -> Iterator[Result]:
-    """Yield the results of tasks in order of completion, from local processes or a Ray cluster.
+    """Run episodes in local processes or on a Ray cluster, and yield results in order of completion.
 
     Raises:
         ImportError: if Ray is not installed.
@@ -121,7 +119,6 @@ class _Worker:
         self._policies: dict[str, Driver] = {}
 
     def run(self, task: Job) -> Result:
-        """Run an episode; return exceptions as failed results."""
         try:
             return self._run(task)
         except FAULTS as error:
@@ -163,13 +160,12 @@ def run_in_worker(task: Job) -> Result:
 
 
 def prepare(env: gymnasium.Env[Any, Any], policy: Driver, seed: int, steps: int = 0) -> None:
-    """Reset a policy and run a few unmeasured steps."""
+    """Reset environment and policy, and run a few steps that are not measured."""
     observation, info = begin_episode(env, policy, seed, np.random.default_rng(seed))
     run(env, decide_with(policy, env), observation, info, max_steps=steps)
 
 
 def describe(row: Row, measures: Measures) -> dict[str, Any]:
-    """Return the metadata of a recording, see `lidarnaut.envs.player.Recording.about`."""
     figures = {}
     for measure in measures.all:
         if measure.name not in ("decision_ms", "success"):  # not reproducible; covered by `end_reason`

@@ -42,12 +42,12 @@ PARSERS = [Annotated[Any, tyro.conf.subcommand(name, constructor=_later(stage))]
 
 @dataclass(frozen=True)
 class Command:
-    """Command line of the benchmarks."""
+    """Command-line options of the benchmarks on recorded drives."""
 
     stage: Annotated[functools.reduce(operator.or_, PARSERS), tyro.conf.arg(name="")]
     """Benchmark to run."""
     json: Path | None = None
-    """Also write the table to this JSON file; times never reached are null."""
+    """Also write the table to this JSON file. Times of events that never happened are null."""
 
 
 def main(command: Command) -> None:
@@ -58,7 +58,7 @@ def main(command: Command) -> None:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Return a table of the rows, transposed if there are more than nine columns."""
+    """Return a terminal table of results, transposed if there are more than nine columns."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     lines = [names, *([_cell(row.get(name, "")) for name in names] for row in rows)]
     if len(names) > 9:

@@ -1,4 +1,4 @@
-"""EKF pose fusion on the 78 m rectangle of Nguyen et al. (2021), see `docs/notes/ekf.md`."""
+"""Benchmark of EKF pose fusion on the 78 m rectangular route of Nguyen et al. (2021); see `docs/notes/ekf.md`."""
 
 import dataclasses
 import itertools
@@ -34,9 +34,9 @@ PAPER = {
     "heading_rmse_deg": 0.6939,
     "max_heading_deg": 3.3,
 }
-"""Results of Nguyen et al. (2021) for the full fusion: RMSE (equations 11 and 12) and maximum errors."""
+"""Results of Nguyen et al. (2021) with AMCL, encoders and compass: RMSE (equations 11 and 12) and maximum errors."""
 DRIVER = "full"
-"""Fusion used for driving; other filters process the same measurements."""
+"""Fusion whose pose estimate drives the robot; it uses all sensors. Other filters process the same measurements."""
 LABELS = {
     "encoder": "encoder alone",
     "amcl": "AMCL alone",
@@ -46,7 +46,7 @@ LABELS = {
 COLOURS = dict(zip(LABELS, (LINES[1], LINES[2], LINES[3], LINES[0])))
 Physics = Literal["kinematic", "bullet"]
 Delivery = tuple[float, Measurement]
-"""Delay [s], inf if the measurement is lost, and the measurement."""
+"""Delay of a measurement [s], inf if lost, and the measurement."""
 Fault = Callable[[Measurement, np.random.Generator], Delivery]
 
 
@@ -64,7 +64,7 @@ def _wrong(measurement: Measurement, rng: np.random.Generator) -> Delivery:
 FILTERS: dict[str, Fault] = {
     name: _lost_if(lambda sent, rng, kinds=kinds: sent.kind not in kinds) for name, kinds in FUSIONS.items() if kinds
 }
-"""Measurement kinds dropped for each fusion, by fusion name."""
+"""Functions that drop the measurements unused by a fusion (set of sensors), by name of the fusion."""
 FAULTS: dict[str, Fault] = {
     "none": lambda sent, rng: (0.0, sent),
     "each up to 0.8 s late, out of order": lambda sent, rng: (rng.uniform(0.0, 0.8), sent),
@@ -76,18 +76,18 @@ FAULTS: dict[str, Fault] = {
     "no map": _lost_if(lambda sent, rng: sent.kind == "map"),
     "no encoders": _lost_if(lambda sent, rng: sent.kind == "encoder"),
 }
-"""Measurement faults for the full fusion, by table label."""
+"""Functions that delay, drop or corrupt measurements, by name of the fault."""
 
 
 class FaultyChannel:
-    """EKF behind a faulty measurement channel."""
+    """EKF that receives late, missing or wrong measurements."""
 
     def __init__(self, ekf: Ekf, fault: Fault, rng: np.random.Generator) -> None:
         self.ekf, self._fault, self._rng = ekf, fault, rng
         self._delayed: list[Delivery] = []
 
     def deliver(self, time: float, measurements: Sequence[Measurement]) -> Estimate:
-        """Send measurements through the channel; return the filter's estimate at `time`."""
+        """Add faults to measurements and send them to the EKF; return the pose estimate at `time` [s]."""
         for measurement in measurements:
             delay, sent = self._fault(measurement, self._rng)
             if delay < math.inf:
@@ -101,27 +101,26 @@ class FaultyChannel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteDrive:
-    """Recorded drive of n control periods; poses in the map frame."""
+    """Recorded drive along a route, with n control periods."""
 
     physics: str
     seed: int
-    """Seed of the drive and of the mapping drive before it."""
+    """Seed of this drive, and of the earlier drive that mapped the route."""
     end_reason: str
-    """End reason of the `Track-v0` episode."""
     collisions: int
     time: np.ndarray
-    """Time, shape (n,), float64 [s]."""
+    """Simulated time, shape (n,), float64 [s]."""
     truth: np.ndarray
-    """True poses (x, y, heading), shape (n, 3), float64 [m, m, rad]."""
+    """True poses (x, y, heading) in the map frame, shape (n, 3), float64 [m, m, rad]."""
     estimated: dict[str, np.ndarray]
-    """Estimated poses by filter, layout of `truth`."""
+    """Estimated poses (x, y, heading) in the map frame, by filter: shape (n, 3), float64 [m, m, rad]."""
     covariance: dict[str, np.ndarray]
-    """Pose covariances by filter, shape (n, 3, 3), float64."""
+    """Covariances of x, y [m] and heading [rad] by filter, shape (n, 3, 3), float64."""
     verdicts: dict[str, Counter[str]]
-    """Number of measurements by filter and outcome (accepted, gated, too old, ...)."""
+    """Number of measurements by filter and outcome: `accepted`, `gated` (rejected as outlier), `too_old`, ..."""
 
     def error(self, name: str) -> np.ndarray:
-        """Return the errors (x, y, heading) of a filter: shape (n, 3), heading in [-180, 180) [mm, mm, deg]."""
+        """Return the pose errors (x, y, heading) of a filter: shape (n, 3), heading in [-180, 180) [mm, mm, deg]."""
         error = self.estimated[name] - self.truth
         error[:, 2] = wrap_angle(error[:, 2])
         return error * (1e3, 1e3, math.degrees(1.0))
@@ -138,10 +137,12 @@ def compare_fusions(
     physics: tuple[Physics, ...] = ("kinematic", "bullet"),
     images: Path = Path("docs/images"),
 ) -> list[Row]:
-    """EKF fusion of AMCL, encoders and compass on the rectangle of Nguyen et al. (2021): median and maximum errors.
+    """Measure EKF fusion of AMCL, encoders and compass on the route of Nguyen et al. (2021).
+
+    The table has median and maximum errors over drives.
 
     Args:
-        seeds: drives per simulator, each with its own noise and map.
+        seeds: number of drives per simulator, each with its own noise and map.
         jobs: number of processes.
         physics: simulators.
         images: output folder for figures 5 to 10 of the paper, `ekf_*.png`.
@@ -162,7 +163,7 @@ def compare_fusions(
 
 
 def compare_faults(seeds: Count = 3, physics: Physics = "kinematic") -> list[Row]:
-    """EKF fusion with late, missing or wrong measurements: errors and shares of accepted measurements.
+    """Measure EKF fusion with late, missing or wrong measurements: errors and shares of accepted measurements.
 
     Args:
         seeds: number of drives.
@@ -181,7 +182,6 @@ def compare_faults(seeds: Count = 3, physics: Physics = "kinematic") -> list[Row
 
 
 def make_env(physics: str, map_seed: int) -> LidarEnv:
-    """Return `Track-v0` with a known initial pose."""
     arguments = {"physics": physics, "map_seed": map_seed, "fusion": DRIVER, "start_spread": (0.0, 0.0)}
     return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", **arguments))
 
@@ -189,7 +189,10 @@ def make_env(physics: str, map_seed: int) -> LidarEnv:
 def run_drive(
     physics: str, seed: int, filters: Mapping[str, Fault] = FILTERS, max_steps: int | None = None
 ) -> RouteDrive:
-    """Map the route, then drive it with the fused pose; `filters` process the same measurements with faults."""
+    """Map the route, drive along it with the fused pose, and return truth and estimates.
+
+    Each of the `filters` processes the same measurements with its own fault (delay, loss or error).
+    """
     env, follower = make_env(physics, map_seed=seed), RouteFollower()
     observation, info = begin_episode(env, follower, seed, np.random.default_rng([seed, 1]))
     decide, fused = decide_with(follower, env), env.robots[0].estimator
@@ -224,16 +227,16 @@ def run_drive(
 
 
 def nees_bounds(num_drives: int) -> tuple[float, float]:
-    """Return the 95 % bounds of the NEES averaged over drives."""
+    """Return the 95 % bounds of a consistent filter's normalised estimation error squared, averaged over drives."""
     low, high = chi2.ppf([0.025, 0.975], 3 * num_drives) / num_drives
     return float(low), float(high)
 
 
 def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
-    """Return the errors of a fusion over drives, as median and maximum (`{name}_worst`) of each measure in `PAPER`.
+    """Return the median and maximum over drives of each pose error of a fusion.
 
-    `nees` is the mean NEES of the pose; above 3, the filter is overconfident. `nees_within` is the share of control
-    periods with the mean over drives within `nees_bounds`.
+    Names of maxima end with `_worst`. `nees` is the mean normalised estimation error squared (3 if consistent).
+    `nees_within` is the share of control periods whose NEES, averaged over drives, lies within its 95 % bounds.
     """
     found = []
     for error in (drive.error(fusion) for drive in drives):
@@ -249,7 +252,6 @@ def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
 
 
 def _draw_drive(drive: RouteDrive, folder: Path) -> None:
-    """Plot figures 5 to 7 of the paper: true and estimated paths on the map, and heading over time."""
     env, what = make_env(drive.physics, map_seed=drive.seed), f"{drive.physics} physics, seed {drive.seed}"
     env.reset(seed=drive.seed)
     grid = crop_to_known(env.belief.grid)
@@ -274,7 +276,6 @@ def _draw_drive(drive: RouteDrive, folder: Path) -> None:
 
 
 def _draw_errors(drives: Sequence[RouteDrive]) -> Figure:
-    """Plot figures 8 to 10 of the paper: pose errors of AMCL alone and of the full fusion."""
     physics = list(dict.fromkeys(drive.physics for drive in drives))
     figure = Figure(figsize=(5.2 * len(physics), 7.4), layout="constrained")
     grid = figure.subplots(3, len(physics), sharex="col", sharey="row", squeeze=False)

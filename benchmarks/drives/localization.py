@@ -39,20 +39,20 @@ from lidarnaut.envs.worlds import load_world
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
 TRACKING_TIME, KIDNAPPED_AT, RECOVERY_TIME = 60.0, 20.0, 90.0
-"""Duration of tracking and global localization, time until kidnapping, and duration after kidnapping [s]."""
+"""Durations [s]: tracking or global localization, driving before kidnapping, and driving after kidnapping."""
 MAX_POSITION_ERROR, MAX_HEADING_ERROR = 0.5, math.radians(20.0)
 """Maximum errors of a correct pose estimate [m, rad]."""
 MIN_CORRECT_TIME = 5.0
-"""Minimum duration of correct estimates at the end of a successful localization [s]."""
+"""Minimum time with only correct estimates at the end of a successful localization [s]."""
 START_STD = (0.05, 0.05, 0.05)
-"""Standard deviations of the initial pose in simulated worlds [m, m, rad]."""
+"""Standard deviations of the initial pose (x, y, heading) in simulated worlds [m, m, rad]."""
 LOG_START_STD = (0.1, 0.1, 0.05)
-"""Standard deviations of the initial pose on the log [m, m, rad]."""
+"""Standard deviations of the initial pose (x, y, heading) on the log of a real robot [m, m, rad]."""
 LOG_SEEDS = range(100, 105)
 SHARE_OF_HITS = 16
-"""Minimum share of hits among hits and passes of an occupied cell in the log's map [percent].
+"""A map cell is occupied if at least this percentage of the beams that reach the cell end in the cell.
 
-Equivalent to log-odds with 0.9 for a hit and 0.4 for a pass, as in Hector."""
+Equivalent to log-odds with probability 0.9 for an end and 0.4 for a crossing, as in Hector SLAM."""
 HIT_COUNTS = TinySlamParams(
     resolution=0.05,
     map_width=60.0,
@@ -64,7 +64,7 @@ HIT_COUNTS = TinySlamParams(
     raw_quality=1.0,
     skip_exceeding=True,
 )
-"""Map parameters with cells that hold their share of hits."""
+"""Parameters of a map whose cells hold the percentage of beams that end in the cell."""
 NAV2_PROB = replace(PRESETS["nav2"], sensor="likelihood_field_prob")
 NO_RELOCALIZATION = replace(PRESETS["default"], relocalize=False)
 FILTERS = {
@@ -75,13 +75,13 @@ FILTERS = {
     "default": NO_RELOCALIZATION,
     "default, 2000 particles, all beams": replace(NO_RELOCALIZATION, min_particles=2000, max_beams=180, squash=9.0),
 }
-"""AMCL variants compared on the log, without relocalization."""
+"""Parameters of AMCL variants compared on the log of a real robot, by name. Relocalization is off."""
 
 
 def localize(
     amcl: Amcl, grid: OccupancyGrid, drive: Drive, seed: int, start_std: tuple[float, float, float] | None
 ) -> dict[str, np.ndarray]:
-    """Reset AMCL and run it along a drive on a map; see `track`.
+    """Run AMCL on a map along a recorded drive; return poses, lost flags, update times and particle numbers by name.
 
     `start_std` are standard deviations of the initial pose [m, m, rad]; None for global localization.
     """
@@ -93,7 +93,7 @@ def localize(
 
 @lru_cache(maxsize=4)
 def load_known_world(name: str, physics: str = "kinematic") -> Setup:
-    """Load a library world for localization on its `known_map`.
+    """Load a library world and its default robot, for localization on the true map.
 
     The map is offset by half a cell, because walls of library worlds lie on cell borders.
     """
@@ -103,15 +103,14 @@ def load_known_world(name: str, physics: str = "kinematic") -> Setup:
 
 
 def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: float) -> Drive:
-    """Record a drive from a random start to random goals for `duration` [s]."""
     rng_simulator, rng_driver = map(np.random.default_rng, seed.spawn(2))
     return record(setup, setup.area.draw_pose(rng_driver), rng_simulator, rng_driver, duration)
 
 
 def symmetries(grid: OccupancyGrid, share: float = 0.9) -> list[Pose2D]:
-    """Return the symmetries of a map: rotations by multiples of 30 degrees, as motions in the map frame.
+    """Return the rotations by multiples of 30 degrees that map a grid to itself, as rigid motions in the map frame.
 
-    A `share` of the occupied cells must move to within two cells of another one.
+    At least a `share` of the occupied cells must land within two cells of an occupied cell.
     """
     occupied = grid.data == OCCUPIED
     distances = ndimage.distance_transform_edt(~occupied)
@@ -136,14 +135,14 @@ def compare_amcl(
     preset: str = "default",
     first_seed: int = 0,
 ) -> list[Row]:
-    """Accuracy of AMCL in known worlds: pose tracking, global localization and kidnapped robots.
+    """Measure AMCL in known worlds: pose tracking, global localization and kidnapped robots.
 
     Args:
-        runs: seeds per world.
+        runs: number of seeds per world.
         jobs: number of processes.
         worlds: library worlds.
         physics: simulator.
-        preset: preset of AMCL.
+        preset: parameter preset of AMCL.
         first_seed: seed of the first run.
     """
     rows = []
@@ -163,14 +162,14 @@ def compare_amcl(
 
 
 def time_quantile(times: Sequence[float], share: float) -> float | None:
-    """Return a quantile of times (inf: never reached); None if the quantile is inf."""
+    """Return a quantile of times, infinite for events that never happened; None if the quantile is infinite."""
     if math.isinf(np.quantile(times, share, method="higher")):
         return None
     return float(np.quantile(np.nan_to_num(times), share))
 
 
 def run(world: str, preset: str, physics: str, seed: int) -> Row:
-    """Run pose tracking, global localization and a kidnapped robot with one seed."""
+    """Measure AMCL in one world with one seed: pose tracking, global localization and a kidnapped robot."""
     setup = load_known_world(world, physics)
     grid, amcl = known_map(setup.area), Amcl(setup.robot.lidar, load_preset(preset))
     first, second = np.random.SeedSequence(seed).spawn(2)
@@ -208,10 +207,10 @@ def _is_right(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def compare_on_log(log: Path = LOG) -> list[Row]:
-    """AMCL on the log of a real robot, with a map from its reference poses; medians over seeds.
+    """Compare AMCL variants on the log of a real robot; results are medians over seeds.
 
     Args:
-        log: log file with reference poses (`corr`).
+        log: log file with reference poses (array `corr`), used to build the map.
     """
     read, drive = load_reference(log)
     grid = reference_map(read, drive.truth)
@@ -225,7 +224,7 @@ def compare_on_log(log: Path = LOG) -> list[Row]:
 
 
 def load_reference(path: Path, num_scans: int | None = None) -> tuple[Log, Drive]:
-    """Read a log and its reference poses, relative to the first pose; at most `num_scans` scans."""
+    """Read at most `num_scans` scans of a log, and the reference poses relative to the first pose."""
     log = load_log(path)
     log = replace(log, scan_rows=log.scan_rows[:num_scans], ranges=log.ranges[:num_scans])
     with np.load(path) as arrays:
@@ -236,7 +235,7 @@ def load_reference(path: Path, num_scans: int | None = None) -> tuple[Log, Drive
 
 
 def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
-    """Return the map of a log at its reference poses, shape (m, 3) [m, rad]."""
+    """Return the map from a log's scans at reference poses (x, y, heading), shape (m, 3) [m, m, rad]."""
     mapper = KnownPoses(log.lidar, HIT_COUNTS)
     mapper.reset(np.random.default_rng(0))
     poses = [Pose2D(0.0, 0.0, 0.0), *(Pose2D(*row) for row in reference.tolist())]
@@ -248,7 +247,6 @@ def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
 
 
 def measure_filter(drive: Drive, lidar: LidarParams, grid: OccupancyGrid, params: AmclParams, seed: int) -> Row:
-    """Return AMCL's pose errors, update time, number of particles and lost share on a log with raw odometry."""
     done = localize(Amcl(lidar, params), grid, drive, seed, LOG_START_STD)
     distance, angle = trajectory_errors(done["poses"], drive.truth)
     return {

@@ -1,4 +1,4 @@
-"""Update times of AMCL."""
+"""Benchmark of AMCL's update times."""
 
 import itertools
 from dataclasses import replace
@@ -23,11 +23,11 @@ from lidarnaut.envs.tasks.goals import known_map
 
 REPEATS = 5
 PARTICLE_TIMES = {"0": 0.0, "1": 0.2, "2": 3.0, "3": 15.0}
-"""Times of the particle plots [s], by panel."""
+"""Times after the start of a global localization for plots of the particles [s], by plot panel."""
 
 
 def time_amcl(picture: Path | None = None) -> list[Row]:
-    """Update times of AMCL [us] by number of particles, and during global localization.
+    """Measure the time of an AMCL update [us] by number of particles, and during global localization.
 
     Args:
         picture: also plot particles, errors of a kidnapped robot, and update times to this file.
@@ -54,7 +54,7 @@ def time_amcl(picture: Path | None = None) -> list[Row]:
 
 
 def cost_by_size(setup: Setup, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return scan times [s], numbers of particles, and update times [us] during global localization."""
+    """Run global localization; return times of scans [s], numbers of particles, and durations of updates [us]."""
     drive, params = record_from_anywhere(setup, np.random.SeedSequence(seed), 30.0), PRESETS["default"]
     amcl, grid = Amcl(setup.robot.lidar, params), known_map(setup.area)
     localize(amcl, grid, drive, seed, None)  # compiles
@@ -64,7 +64,6 @@ def cost_by_size(setup: Setup, seed: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def draw(setup: Setup, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray], path: Path) -> None:
-    """Plot particles of a global localization, errors of a kidnapped robot, and update times (`cost_by_size`)."""
     figure, grid = Figure(figsize=(15, 7.6), layout="constrained"), known_map(setup.area)
     axes, amcl = figure.subplot_mosaic("0123;eecc"), Amcl(setup.robot.lidar, PRESETS["default"])
     seeds, kidnapped_at = np.random.SeedSequence(seed), round(KIDNAPPED_AT / PERIOD)

@@ -1,4 +1,4 @@
-"""Figures of SLAM maps."""
+"""Figures of maps from SLAM."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,9 +16,8 @@ from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.rendering import style
 
 WALL_TOLERANCE = 0.15
-"""Maximum distance of a correct map wall from a true wall [m]."""
+"""Distance to the nearest true wall above which an occupied map cell is wrong [m]."""
 VIEW_MARGIN = 0.5
-"""Margin around the plotted points [m]."""
 COLUMNS, WIDTH = 3, 10.5
 """Panels per row, and width of the figure [in]."""
 PATH, WRONG = style.TRUE, style.ESTIMATED
@@ -26,22 +25,22 @@ LEGEND = {"wall": style.OCCUPIED, "free": style.FREE, "unknown": style.UNKNOWN, 
 
 
 class Panel(NamedTuple):
-    """Map in a figure."""
+    """Map plotted in one panel of a figure."""
 
     title: str
     grid: OccupancyGrid
     path: np.ndarray
-    """Estimated path, shape (n, >= 2) [m]."""
+    """Driven path (x, y, ...) in the figure's frame, shape (n, >= 2) [m]."""
     wrong: np.ndarray | None = None
-    """Misplaced wall cells, shape of the map, bool."""
+    """Mask of wrong occupied cells, shape of the map, bool; None without ground truth."""
     map_pose: Pose2D = ORIGIN
-    """Pose of the map frame."""
+    """Pose of the map frame in the figure's frame."""
 
 
 def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str) -> None:
     """Plot maps side by side at equal scale, with scale bar, note and legend.
 
-    All `points`, shape (k, 2) [m], are in view.
+    The plot limits enclose all `points`, shape (k, 2) [m].
     """
     (x_min, y_min), (x_max, y_max) = points.min(axis=0) - VIEW_MARGIN, points.max(axis=0) + VIEW_MARGIN
     legend = LEGEND if panels[-1].wrong is None else {**LEGEND, f"wall more than {WALL_TOLERANCE:g} m off": WRONG}
@@ -80,7 +79,10 @@ def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str
 
 
 def wrong_cells(grid: OccupancyGrid, map_pose: Pose2D, walls: OccupancyGrid) -> np.ndarray:
-    """Return a mask of occupied map cells too far from the true walls (`walls`, world frame)."""
+    """Return a mask of occupied map cells farther than `WALL_TOLERANCE` from true walls: shape of the map, bool.
+
+    The pose `map_pose` of the map frame and the true occupancy grid `walls` are in the world frame.
+    """
     distance = ndimage.distance_transform_edt(walls.data == 0) * walls.resolution
     occupied = np.argwhere(grid.data >= 65)
     cells = walls.cells(map_pose.transform(grid.centers(occupied)))

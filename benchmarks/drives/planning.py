@@ -1,4 +1,4 @@
-"""Planning times on complete maps."""
+"""Benchmark of path planning on complete maps."""
 
 import timeit
 from collections.abc import Callable
@@ -23,13 +23,12 @@ from lidarnaut.envs.worlds import explorable_area, load_world
 
 
 def _least(work: Callable[[], object], repeats: int = 15) -> float:
-    """Return the minimum time of a function after one warm-up call [us]."""
     work()
     return 1e6 * min(timeit.repeat(work, number=1, repeat=repeats))
 
 
 def time_planning(worlds: tuple[str, ...] = ("turtlebot3_house", "tugbot_warehouse")) -> list[Row]:
-    """Planning times on the complete map of a world [us], on one core.
+    """Measure path planning and costmap updates on the complete map of a world [us], on one core.
 
     Args:
         worlds: library worlds.

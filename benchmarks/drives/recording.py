@@ -1,4 +1,4 @@
-"""Simulated drives in known worlds, recorded once and replayed through estimators."""
+"""Simulated drives in known worlds, recorded once and replayed through SLAM or localization."""
 
 import math
 import os
@@ -26,18 +26,18 @@ PERIOD = 0.1
 """Control and scan period [s]."""
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 LOG = DATA / "intel" / "scans_2725.npz"
-"""Log of the Intel Research Lab."""
+"""Lidar and odometry log from the Intel Research Lab."""
 Row = dict[str, Any]
-"""Table row by column name; None stands for never."""
+"""Results in a table row, by column name; None for an event that never happened."""
 
 
 class Setup(NamedTuple):
-    """World, robot and simulator of a recording."""
+    """World, robot and simulator of a recorded drive."""
 
     world: World
     robot: RobotParams
     area: ExplorableArea
-    """Poses reachable for the robot."""
+    """Cells of the world that the robot can reach or observe."""
     physics: str
 
 
@@ -47,17 +47,17 @@ def make_setup(world: World, robot: RobotParams, physics: str) -> Setup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """Recorded drive with n scans."""
+    """Recorded drive: n scans, odometry and true poses."""
 
     ranges: np.ndarray
     """Lidar ranges, shape (n, num_beams), float32 [m]."""
     motions: np.ndarray
-    """Odometry motion since the previous scan, in the previous base frame: shape (n, 3), float64 [m, rad]."""
+    """Odometry motion (x, y, heading) in the robot frame at the previous scan: shape (n, 3), float64 [m, m, rad]."""
     truth: np.ndarray
-    """True poses in the world frame, shape (n, 3), float64 [m, rad]."""
+    """True poses (x, y, heading) in the world frame, or reference poses of a log: shape (n, 3), float64 [m, m, rad]."""
 
     def then(self, other: "Drive", scans: int) -> "Drive":
-        """Return this drive up to `scans`, continued by another one without odometry in between (kidnapped robot)."""
+        """Return a kidnapped robot's drive: `scans` scans of this drive, then `other`, without odometry between."""
         pairs = (self.ranges, other.ranges), (self.motions, other.motions), (self.truth, other.truth)
         return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
 
@@ -69,7 +69,7 @@ def record(
     rng_driver: np.random.Generator,
     duration: float,
 ) -> Drive:
-    """Record a drive from `start` to random goals for `duration` [s], controlled by ground truth."""
+    """Record a simulated drive from `start` to random goals for `duration` [s], controlled by the true pose."""
     robot = setup.robot
     params = CostmapParams(robot_radius=robot.radius + 0.02, inflation_radius=robot.radius + 0.5)
     costmap, path = make_costmap(setup.area.walls, params), np.empty((0, 2))
@@ -105,16 +105,15 @@ def _steer(robot: RobotParams, carrot: np.ndarray) -> Twist:
 
 
 def record_drive(setup: Setup, seed: int, duration: float) -> Drive:
-    """Record a drive from the first spawn pose to random goals for `duration` [s]."""
     rng_simulator, _, rng_driver = np.random.default_rng(seed).spawn(3)
     return record(setup, setup.world.spawns[0], rng_simulator, rng_driver, duration)
 
 
 def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarray]:
-    """Run an estimator along a drive with n scans.
+    """Run a SLAM or localizer along a recorded drive of n scans.
 
-    Returns estimated `poses`, shape (n, 3) [m, rad], `is_lost`, shape (n,), update times `seconds`, shape (n,), and the
-    attributes in `noted`.
+    Returns estimated `poses`, shape (n, 3) [m, m, rad], `is_lost`, shape (n,), bool, update times `seconds`, shape (n,)
+    [s], and the estimator's attributes `noted`.
     """
     rows = []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
@@ -126,7 +125,7 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
 
 
 def right_since(is_right: np.ndarray, hold: float) -> float:
-    """Return the time since all flags are set [s]; inf if for less than `hold` [s]."""
+    """Return the earliest time after which all flags are True [s]; inf if a flag in the last `hold` [s] is False."""
     if not is_right[-round(hold / PERIOD) :].all():
         return math.inf
     wrong = np.flatnonzero(~is_right)
@@ -134,12 +133,11 @@ def right_since(is_right: np.ndarray, hold: float) -> float:
 
 
 def first_time(flags: np.ndarray) -> float:
-    """Return the time of the first set flag [s]; inf if none."""
+    """Return the time of the first True flag [s], with one flag per scan; inf if none."""
     return float(np.argmax(flags)) * PERIOD if flags.any() else math.inf
 
 
 def run_each(work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], jobs: int, desc: str) -> list[Any]:
-    """Call a function with each tuple of arguments in `jobs` processes; return the results."""
     if jobs == 1:
         return [work(*task) for task in Progress(tasks, desc)]
     with make_pool(jobs, None) as pool:

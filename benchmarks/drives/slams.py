@@ -1,6 +1,6 @@
-"""Accuracy of SLAM on the log of a real robot, on simulated drives, and with kidnapped robots.
+"""Benchmarks of SLAM accuracy on the log of a real robot, on simulated drives, and with kidnapped robots.
 
-Robots are driven by ground truth, so the route is equal for every SLAM. Errors are in the frame of the start pose.
+The true pose controls the robots, so the route is equal for every SLAM. Errors are in the frame of the start pose.
 """
 
 import itertools
@@ -48,7 +48,7 @@ DRIVES = (
     "rmf_hotel_L1:tugbot",
     "tugbot_warehouse:tugbot",
 )
-"""Simulated drives as `WORLD:ROBOT`; lidar ranges are 3.5 m (Burger) and 10 m (Tugbot)."""
+"""Simulated drives as `WORLD:ROBOT`. Lidar ranges are 3.5 m (TurtleBot3 Burger) and 10 m (Tugbot)."""
 HELD_OUT = (
     "aws_small_house",
     "aws_small_warehouse",
@@ -59,9 +59,9 @@ HELD_OUT = (
     "rooms:1",
     "maze:1",
 )
-"""Asymmetric test worlds for kidnapped robots; not used for tuning the relocalization."""
+"""Asymmetric test worlds for kidnapped robots, not used to tune relocalization."""
 MAX_POSITION_ERROR = 0.5
-"""Maximum position error of a relocalized robot [m]."""
+"""Maximum position error of a robot that counts as relocalized [m]."""
 
 
 def compare_slams(
@@ -76,13 +76,15 @@ def compare_slams(
     tilt: float = 0.0,
     picture: Path | None = None,
 ) -> list[Row]:
-    """Accuracy of SLAM: relation errors on a log, RMSE on simulated drives; medians over seeds.
+    """Measure SLAM accuracy on simulated drives (RMSE) and on a log (errors of hand-verified relative poses).
+
+    Results are medians over seeds.
 
     Args:
         slams: names of SLAMs, `odometry` for raw odometry.
         drives: `WORLD:ROBOT`, names or paths.
         log: log of a real robot; SLAMs use their preset `intel`.
-        relations: hand-verified relations of the log (Kuemmerle et al., 2009).
+        relations: file of relative poses for the log (Kuemmerle et al., 2009).
         seeds: drives per world, and runs on the log.
         minutes: duration of a drive [min].
         physics: simulator.
@@ -121,7 +123,7 @@ def compare_slams(
 def compare_on_log(
     log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds: int, picture: Path | None = None
 ) -> list[Row]:
-    """Return the median errors of each SLAM on a log; plot the maps of the last seed to `picture`."""
+    """Return the median errors of each SLAM on the log of a real robot; plot the last seed's maps to `picture`."""
     log, relations, rows, panels = load_log(log_path), load_labelled(relations_path), [], []
     for name in Progress(slams, log_path.stem, leave=False):
         params, found = SLAMS[name].load("intel"), []
@@ -146,7 +148,7 @@ def compare_on_log(
 
 
 def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> tuple[Row, np.ndarray]:
-    """Run a SLAM along a drive; return errors and times, and the estimated poses in the world frame, shape (n, 3)."""
+    """Run a SLAM along a recorded drive; return errors and times, and estimated poses in the world frame."""
     slam.reset(np.random.default_rng(seed).spawn(2)[1])
     tracked, start = track(slam, drive), setup.world.spawns[0]
     poses = compose_poses(np.array([start]), tracked["poses"])
@@ -170,7 +172,7 @@ def compare_kidnapped(
     seconds: float = 180.0,
     jobs: Count = 1,
 ) -> list[Row]:
-    """Kidnapped robots: number that report to be lost, that relocalize, and that end at a wrong pose without a report.
+    """Count kidnapped robots that report being lost, that relocalize, and that end at a wrong pose without a report.
 
     Times are medians [s].
 
@@ -199,10 +201,10 @@ def compare_kidnapped(
 def kidnap(
     slam_name: str, world: str, robot: str, seed: int, minutes: float, seconds: float
 ) -> tuple[float, float, bool]:
-    """Map a world for `minutes`, move the robot, and continue for `seconds`.
+    """Map a world for `minutes`, move the robot without odometry, and continue for `seconds`.
 
-    Returns the time until `is_lost` is set [s], the time since the position is correct [s], and whether the robot ends
-    at a wrong position without `is_lost`. Times are inf if never.
+    Returns the time from the move until SLAM reports the robot lost [s], the time until the position stays correct [s],
+    and whether the robot ends at a wrong position without a report. Times are inf if never.
     """
     family, _, number = world.partition(":")
     found = FAMILIES[family](int(number)) if family in FAMILIES else load_world(world)

@@ -1,4 +1,4 @@
-"""Speed-up of exploration by teams."""
+"""Benchmark of exploration by teams of robots: speed-up over team size."""
 
 from dataclasses import replace
 from itertools import product
@@ -21,7 +21,7 @@ from lidarnaut.envs.tasks.explore import MAX_ROBOTS, Explore
 from lidarnaut.envs.worlds import FAMILIES
 
 MARK = 0.95
-"""Explored fraction that ends an episode."""
+"""Explored fraction that ends an episode, 0 to 1."""
 MEASURES = Measures(Explore.measures, Explore.progress)
 TIME = next(measure for measure in Explore.measures if measure.name == "time_to_95")
 SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, digits=2)
@@ -39,12 +39,12 @@ def compare_teams(
     slam: str = DEFAULT_SLAM,
     out: Path = Path("runs/team"),
 ) -> list[Row]:
-    """Exploration times of teams by number of robots and by policy, compared in pairs of equal seeds.
+    """Compare exploration times of teams by number of robots and by policy, in episodes with equal seeds.
 
     Args:
         worlds: library worlds and procedural families (20 m x 20 m, test split).
-        robots: numbers of robots; the first is the base of speed-ups.
-        policies: classic team policies; the first is the base of relative times.
+        robots: numbers of robots; speed-ups are relative to the first.
+        policies: classic team policies; times are relative to the first.
         episodes: seeds per world.
         jobs: number of processes.
         seed: first seed.
@@ -75,9 +75,10 @@ def compare_teams(
 
 
 def summarise(rows: list[Row], robots: tuple[int, ...], policies: tuple[str, ...] = ("rrt_team",)) -> list[Row]:
-    """Return a table row per world, policy and team size; `policy` in `rows` is such as "rrt_team 3".
+    """Return a table row with times and speed-ups for each world, policy and team size.
 
-    Ratios are interquartile means over pairs, or bounds if 95 % was not reached.
+    Policies in `rows` include the team size, such as "rrt_team 3". Ratios are interquartile means over pairs of
+    episodes, or bounds if episodes missed 95 % explored.
     """
     together, lines = Episodes(rows, MEASURES), list[Row]()
     worlds = together.by_case()

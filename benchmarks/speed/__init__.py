@@ -1,1 +1,1 @@
-"""Benchmarks of throughput and kernels."""
+"""Benchmarks of throughput, and of compiled (Numba) kernels."""

@@ -1,7 +1,7 @@
 """Throughput of kernels, simulators, environments and training: `python -m lidarnaut.benchmarks.speed`.
 
-Measurements are interleaved, pinned to one core unless noted; values are medians. All designs explore two halls with
-the same robot (360 beams, 10 m, 10 Hz), with TinySLAM or the true pose.
+Variants are measured in turn, on one core unless noted; values are medians. All environment designs explore two halls
+with the same robot (360 beams, 10 m, 10 Hz), with TinySLAM or the true pose.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from lidarnaut.envs.progress import Progress
 Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions", "people"]
 PLOT = Path(__file__).resolve().parents[2] / "docs" / "images" / "throughput.png"
 BODIES = (50, 300)
-"""Numbers of obstacles in the halls."""
+"""Numbers of obstacles in the two benchmark worlds."""
 PACKAGES = ("numba", "numpy", "gymnasium", "stable-baselines3")
 
 AXES = {
@@ -35,7 +35,6 @@ AXES = {
     "map_cells": "cells along each side of a map of 20 m",
     "num_envs": "sub-environments",
 }
-"""Axis labels of the growth plots."""
 COLOURS = {"tinyslam": "#1668b8", "truth": "#d2600c"}
 
 
@@ -44,12 +43,12 @@ def main(
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     quick: bool = False,
 ) -> None:
-    """Measure, print a table per stage, and plot the cost of a step.
+    """Run the throughput benchmarks, print a table for each, and plot the time of a step.
 
     Args:
-        only: stages to measure.
+        only: benchmarks to run.
         json_file: also write the results to this file.
-        quick: shorter measurements, without growth.
+        quick: shorter measurements, without `growth`.
     """
     seconds, repeats = (0.1, 3) if quick else (0.4, 5)
     results: dict[str, Any] = {"machine": machine()}
@@ -77,7 +76,6 @@ def main(
 
 
 def side_by_side(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return a row per design, with steps per second and the ratio to `naive` for each hall and SLAM."""
     lines: dict[tuple[Any, ...], dict[str, Any]] = {}
     for row in rows:
         design = {key: row[key] for key in ("name", "num_envs", "cores")}
@@ -94,7 +92,6 @@ def table(title: str, rows: Sequence[dict[str, Any]]) -> Table:
 
 
 def plot_growth(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Plot step times [us] over beams, map cells and sub-environments; save as PNG."""
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     keys = list(dict.fromkeys(row["grows"] for row in rows))
     panels = figure.subplots(1, len(keys), sharey=True, squeeze=False)[0]

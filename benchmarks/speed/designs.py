@@ -19,22 +19,22 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 
 ID = "lidarnaut:lidarnaut/Explore-v0"
 ACTION_REPEAT, NUM_ACTIONS = 10, 500
-"""Steps per action (white noise would keep the robot in place), and number of distinct actions."""
+"""Number of steps with the same random action (white noise would keep the robot in place), and of distinct actions."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
-"""Training configuration of `ppo`."""
 FEWEST_ENVS, MOST_ENVS = 16, 256
 """Smallest and largest number of sub-environments of the compared vector environments."""
 
 
 class Design(NamedTuple):
-    """Environment design with its number of sub-environments and cores."""
+    """Compared environment design: implementation, number of sub-environments, and cores."""
 
     name: str
-    """`naive`: PyBullet and NumPy. `bullet`, `kinematic`: single environment. `vector`, `bullet_vector`: vector
-    environment. `subproc`: `SubprocVecEnv` of stable-baselines3. `ppo`: PPO training on `vector`."""
+    """Implementation. `naive`: PyBullet and NumPy. `bullet`, `kinematic`: single environment with this simulator.
+    `vector`, `bullet_vector`: vector environment. `subproc`: `SubprocVecEnv` of stable-baselines3. `ppo`: PPO
+    training on `vector`."""
     num_envs: int = 1
     cores: int = 1
-    """Number of cores; from two on, also the number of workers of a vector environment."""
+    """Number of CPU cores; from two on, also the number of worker processes of a vector environment."""
 
 
 DESIGNS = (
@@ -46,28 +46,28 @@ DESIGNS = (
     *(Design("subproc", 2, cores) for cores in (1, 2)),
     Design("ppo", MOST_ENVS, 2),
 )
-"""Compared designs; the first is the base of the ratios."""
+"""Compared environment designs. Throughput ratios are relative to the first design."""
 
 
 class Case(NamedTuple):
-    """Benchmark case: an environment design in a hall, with SLAM "tinyslam" or "truth"."""
+    """Measured configuration: environment design, number of obstacles in the hall, and SLAM ("tinyslam" or "truth")."""
 
     design: Design
     num_bodies: int
     slam: str
     num_beams: int = 360
     map_resolution: float = 0.05
-    """Map resolution [m]; ignored by `naive`, which uses 0.05."""
+    """Side of a map cell [m]; the design `naive` always uses 0.05."""
 
 
 class Drive(NamedTuple):
-    """Running environments of one design."""
+    """Started environments of one design, with functions to step and close them."""
 
     step: Callable[[int], object]
-    """Steps every sub-environment a number of times."""
+    """Function that steps every sub-environment a given number of times."""
     close: Callable[[], object]
     at_once: int
-    """Steps per sub-environment between clock readings."""
+    """Steps per sub-environment between two readings of the clock."""
 
 
 def benchmark_robot(num_beams: int = 360) -> RobotParams:
@@ -77,14 +77,13 @@ def benchmark_robot(num_beams: int = 360) -> RobotParams:
 
 
 def make_actions(num_envs: int) -> Iterator[np.ndarray]:
-    """Yield reproducible forward and turning actions, shape (num_envs, 2), float32."""
+    """Yield reproducible random actions (forward 0.3 to 1, turn -1 to 1): shape (num_envs, 2), float32."""
     table = np.random.default_rng(0).uniform((0.3, -1.0), 1.0, (NUM_ACTIONS, num_envs, 2)).astype(np.float32)
     while True:
         yield from (actions for actions in table for _ in range(ACTION_REPEAT))
 
 
 def open_drive(case: Case) -> Drive:
-    """Create and reset the environments of a case."""
     (name, num_envs, cores), hall, robot = case.design, make_hall(case.num_bodies), benchmark_robot(case.num_beams)
     physics = "bullet" if name.startswith("bullet") else "kinematic"
     arguments: dict[str, Any] = {"world": hall.world, "robot": robot, "slam": case.slam, "physics": physics}

@@ -1,4 +1,4 @@
-"""Reproducible worlds with a given number of obstacles."""
+"""Random but reproducible worlds (square halls) with a given number of obstacles."""
 
 import math
 from functools import lru_cache
@@ -12,30 +12,30 @@ from lidarnaut.envs.worlds import World
 SIDE, WALL = 16.0, 0.2
 """Inner side length of a hall, and wall thickness [m]."""
 GAP, FREE_AROUND_SPAWN = 0.35, 0.7
-"""Minimum gap between obstacles, and minimum distance to the spawn pose [m]."""
+"""Minimum distance between obstacles, and from an obstacle to the start pose [m]."""
 PACKING = 0.45
-"""Share of floor area that the largest obstacles may cover, including half the gap."""
+"""Share of the floor that obstacles of maximum size would cover, each widened by half the gap."""
 PILLARS = 10
-"""One of this many obstacles is a cylinder."""
+"""Every tenth obstacle is a cylinder; the other obstacles are boxes."""
 
 
 class Hall(NamedTuple):
-    """Square hall with crates and pillars."""
+    """Square hall with boxes (crates) and cylinders (pillars) as obstacles."""
 
     world: World
     boxes: list[tuple[float, ...]]
-    """Crates and walls as (x, y, yaw, length, width) [m, rad]."""
+    """Crates and walls: centre x, y, yaw, length and width [m, m, rad, m, m]."""
 
 
 def outline(x: float, y: float, yaw: float, length: float, width: float) -> np.ndarray:
-    """Return the sides (x0, y0, x1, y1) of a box, shape (4, 4) [m]."""
+    """Return the four sides of a box as segments (x0, y0, x1, y1): shape (4, 4), float64 [m]."""
     corners = Pose2D(x, y, yaw).transform(0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length, width))
     return np.hstack([corners, np.roll(corners, -1, axis=0)])
 
 
 @lru_cache(maxsize=2)
 def make_hall(num_bodies: int) -> Hall:
-    """Place crates and pillars at random; RuntimeError if they do not fit."""
+    """Return a hall with obstacles at random but reproducible poses; raise RuntimeError if they do not fit."""
     rng = np.random.default_rng(num_bodies)
     largest = math.sqrt(PACKING * SIDE**2 / (math.pi * num_bodies)) - 0.5 * GAP
     placed = np.empty((0, 3))

@@ -1,6 +1,6 @@
-"""Compare kernels with equivalent NumPy code.
+"""Benchmark of compiled (Numba) kernels against equivalent NumPy code.
 
-Kernels run in compiled loops, without call overhead. A cached loop would miss changes of its kernel.
+Kernels are called in a compiled loop, which is not cached: a cached loop would miss changes of its kernel.
 """
 
 import math
@@ -34,13 +34,13 @@ PERIOD, CROP_SIZE, CALLS = 0.1, 40, 1000
 
 
 class Kernel(NamedTuple):
-    """Kernel and reference implementation with equal input."""
+    """Compiled function, and a NumPy function that computes the same from equal input."""
 
     name: str
     function: Any
     arguments: tuple[Any, ...]
     read: Callable[[], np.ndarray]
-    """Returns the output of the kernel."""
+    """Function that returns the output of the last kernel call."""
     reference: Callable[[], np.ndarray]
 
 
@@ -56,7 +56,7 @@ def _match(words, points, count, start, search, noise, trace, out):
 
 
 def time_kernels(num_bodies: int, repeats: int) -> list[dict[str, Any]]:
-    """Return the median times of kernels and references in a hall [us]."""
+    """Return the median times of kernels and NumPy references in a hall with `num_bodies` obstacles [us]."""
     rows = []
     for name, function, arguments, _, reference in make_kernels(num_bodies):
         _repeat(1, function, arguments)
@@ -68,7 +68,6 @@ def time_kernels(num_bodies: int, repeats: int) -> list[dict[str, Any]]:
 
 
 def make_kernels(num_bodies: int) -> list[Kernel]:
-    """Return the kernels with realistic input: a robot in a partly mapped hall."""
     world, robot, params = make_hall(num_bodies).world, benchmark_robot(), load_params("default")
     lidar, rng = robot.lidar, np.random.default_rng(0)
     grid_map, naive = GridMap(params, lidar), NaiveSlam(lidar, params)

@@ -1,4 +1,4 @@
-"""Throughput and memory of designs, in processes pinned to a number of cores."""
+"""Throughput and memory of environment designs, in processes pinned to CPU cores."""
 
 import contextlib
 import gc
@@ -17,20 +17,18 @@ from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, Case, Design, Drive,
 
 SLAMS = ("tinyslam", "truth")
 WARM_UP = 5000
-"""Total warm-up steps; 20 to 100 per sub-environment."""
+"""Number of unmeasured first steps over all sub-environments; 20 to 100 for each."""
 GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "num_envs": (1, 4, 16, 64, 256, 1024)}
-"""Values of each quantity whose effect on the step time is measured; maps have a side of 20 m."""
+"""Values of each quantity whose effect on the step time is measured. `map_cells` is the number of cells along 20 m."""
 STATE_ENVS = (4, 12)
-"""Numbers of sub-environments in the memory measurement."""
 Call = Callable[..., Any]
-"""Calls a function with its arguments in a pinned process and returns the result."""
 
 _drives: dict[Case, Drive] = {}
 
 
 @contextlib.contextmanager
 def confined(num_cores: int) -> Iterator[Call]:
-    """Yield a function that runs calls in a process pinned to the last `num_cores` cores."""
+    """Yield a function that calls other functions in a process pinned to the last `num_cores` CPU cores."""
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     cores = sorted(os.sched_getaffinity(0))[-num_cores:]
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start, (cores,)) as pool:
@@ -44,7 +42,6 @@ def _start(cores: list[int]) -> None:
 
 
 def open_cases(cases: list[Case]) -> None:
-    """Start the environments of cases in this process; close the previous ones."""
     for drive in _drives.values():
         drive.close()
     _drives.clear()
@@ -58,7 +55,7 @@ def open_cases(cases: list[Case]) -> None:
 
 
 def steps_per_second(case: Case, seconds: float) -> float:
-    """Step a case for about `seconds`; return the total steps per second of wall-clock time."""
+    """Return the steps per wall-clock second over all sub-environments, measured for about `seconds`."""
     drive, count, start = _drives[case], 0, time.perf_counter()
     while (elapsed := time.perf_counter() - start) < seconds or not count:
         drive.step(drive.at_once)
@@ -67,9 +64,9 @@ def steps_per_second(case: Case, seconds: float) -> float:
 
 
 def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repeats: int) -> dict[Case, float]:
-    """Return the median steps per second of cases, measured in turn so that other load affects all equally.
+    """Return median steps per second of environment designs, measured in turn so that other load affects all equally.
 
-    `calls` are pinned processes by number of cores; cases without one are omitted.
+    `calls` are functions that run code in a pinned process, by number of cores.
     """
     turns = [case for case in cases if case.design.cores in calls]
     for cores, call in calls.items():
@@ -83,7 +80,6 @@ def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repea
 def compare_designs(
     calls: dict[int, Call], designs: tuple[Design, ...], bodies: tuple[int, ...], seconds: float, repeats: int
 ) -> list[dict[str, Any]]:
-    """Return steps per second, and the ratio to the first design, for each hall and SLAM."""
     rows = []
     for num_bodies, slam in itertools.product(bodies, SLAMS):
         speeds = compare(calls, [Case(design, num_bodies, slam) for design in designs], seconds, repeats)
@@ -95,7 +91,7 @@ def compare_designs(
 
 
 def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int) -> list[dict[str, Any]]:
-    """Return the time per step and sub-environment for all values in `GROWTH` [us]."""
+    """Return the time per step of a sub-environment, by number of beams, map cells and sub-environments [us]."""
     rows = []
     for (key, values), slam in itertools.product(GROWTH.items(), SLAMS):
         cases = {}
@@ -109,7 +105,7 @@ def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int
 
 
 def memory(num_bodies: int) -> list[dict[str, Any]]:
-    """Return the memory per additional sub-environment, with a map of 400 x 400 cells."""
+    """Return the memory per additional sub-environment [MiB], with a map of 400 x 400 cells."""
     open_drive(Case(Design("vector"), num_bodies, "tinyslam")).close()  # allocates shared memory
     sizes = []
     for num_envs in STATE_ENVS:

@@ -23,15 +23,15 @@ from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.worlds import explorable_area
 
 PHYSICS_HZ = 240
-"""PyBullet's default rate [1/s]."""
+"""Physics steps per second [1/s], PyBullet's default."""
 CROP_SIZE, PIXEL = 64, 0.125
-"""Side of the map crop [pixels], and pixel size [m]."""
+"""Side of the observed map image [pixels], and side of a pixel [m]."""
 QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
-"""Sample points within a map cell, as in `lidarnaut.envs.tasks.coverage.mark_known`."""
+"""Centres of the quarters of a map cell, shape (4, 2) [cells]."""
 
 
 class NaivePhysics:
-    """Robot in a hall with one static body per box and pillar."""
+    """PyBullet simulation of a robot in a hall, with one static body per box and cylinder."""
 
     def __init__(self, hall: Hall, robot: RobotParams, period: float) -> None:
         self._robot, self._period, height = robot, period, hall.world.height
@@ -61,7 +61,7 @@ class NaivePhysics:
         self._v = self._w = 0.0
 
     def step(self, v: float, w: float) -> bool:
-        """Drive with a twist [m/s, rad/s] for one control period; return True on contact."""
+        """Drive at `v` [m/s] and `w` [rad/s] for one control period; return True on contact."""
         robot, wheels = self._robot, self._robot.odometry
         change_v, change_w = robot.max_acc_v * self._period, robot.max_acc_w * self._period
         self._v += min(max(v - self._v, -change_v), change_v)
@@ -88,7 +88,7 @@ class NaivePhysics:
         )
 
     def scan(self, pose: Pose2D, rng: np.random.Generator) -> np.ndarray:
-        """Return the lidar ranges at a robot pose: shape (num_beams,), float32 [m]."""
+        """Return noisy lidar ranges at a robot pose: shape (num_beams,), float32 [m]; NaN too near, inf too far."""
         lidar = self._robot.lidar
         sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
         angles = sensor.theta + lidar.angles
@@ -108,8 +108,8 @@ class NaivePhysics:
 class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """Exploration of a hall with the actions, rewards and end conditions of `lidarnaut/Explore-v0`.
 
-    Observations: `scan` (ranges over maximum range), `map` (occupied and free, robot-centred), `motion` (odometry
-    twist, last action, bumper).
+    Observations: `scan` (ranges divided by the maximum range), `map` (occupied and free, robot-centred), `motion`
+    (odometry twist, last action, contact).
     """
 
     def __init__(self, hall: Hall, robot: RobotParams, slam: str = "tinyslam", control_hz: float = 10.0) -> None:

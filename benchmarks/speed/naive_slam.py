@@ -1,4 +1,4 @@
-"""TinySLAM in idiomatic NumPy, without relocalization; reference for `lidarnaut.envs.slam`."""
+"""Reference implementation of TinySLAM in idiomatic NumPy, without relocalization."""
 
 import math
 
@@ -13,7 +13,10 @@ ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 def score(values: np.ndarray, points: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return the sums of occupancy `values` at scan points (2, n) for poses (k, 3) [cells]: shape (k,), float32."""
+    """Return the score of each pose: the sum of occupancy `values` at the scan points, shape (k,), float32.
+
+    Scan points are in the robot frame, shape (2, n) [cells]; poses have shape (k, 3) [cells, cells, rad].
+    """
     height, width = values.shape
     x, y, c, s = (
         part.astype(np.float32)[:, None] for part in (*poses[:, :2].T, np.cos(poses[:, 2]), np.sin(poses[:, 2]))
@@ -31,10 +34,10 @@ def match(
     values: np.ndarray, points: np.ndarray, pose: Pose2D, sigma: tuple[float, float], weights: tuple[float, float],
     noise: np.ndarray, max_failed: int,
 ) -> Pose2D:  # fmt: skip
-    """Return the best pose of a random search, as `lidarnaut.envs.slam.matcher.match`.
+    """Return the pose that best matches scan points to a map, by random search around `pose` [cells, cells, rad].
 
-    Remaining candidates are scored together and rescored around each improvement. `sigma` and `weights` are the spread
-    and the prior weight of position [cells] and heading [rad]; `noise` is standard normal, shape (tries, 3).
+    `sigma` is the standard deviation of candidate poses in position [cells] and heading [rad]. `weights` penalize
+    squared deviations from `pose`. `noise` is standard normal, shape (tries, 3).
     """
     spread, costs = np.array([sigma[0], *sigma]), np.array([weights[0], *weights])
     best_pose, failed = np.array(pose), 0
@@ -53,13 +56,13 @@ def match(
 
 
 class NaiveSlam:
-    """TinySLAM with averaging cells and the `assign` blur.
+    """TinySLAM with map cells that average all observations.
 
-    Attributes `values` (occupancy, float32) and `counts` (observations) have shape (height, width).
+    Map `values` (occupancy, 0 to 1, float32) and `counts` (number of observations) have shape (height, width).
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, match_scans: bool = True) -> None:
-        """Build a SLAM; without `match_scans` it uses the predicted pose."""
+        """Create an empty map. Without `match_scans`, the pose follows the given motion only."""
         self._lidar, self._params, self._match_scans = lidar, params, match_scans
         angles = lidar.angles + lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
@@ -67,14 +70,14 @@ class NaiveSlam:
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Clear the map and return to its centre; `rng` samples candidates."""
+        """Clear the map and reset the pose to the origin; `rng` draws candidate poses for scan matching."""
         self._rng, self.pose, self.num_integrated = rng, ORIGIN, 0
         self._last_integrated: Pose2D | None = None
         self.values = np.full(self.shape, self._params.unvisited, dtype=np.float32)
         self.counts, self._sums = np.zeros(self.shape, dtype=np.int64), np.zeros(self.shape)
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Process a scan; return the newly known cells (row, column), shape (k, 2)."""
+        """Estimate the pose at a scan and insert the scan; return newly known cells (row, column), shape (k, 2)."""
         params, last = self._params, self._last_integrated
         predicted = self.pose = self.pose.compose(motion)
         moved = last.between(predicted) if last else ORIGIN
@@ -108,7 +111,7 @@ class NaiveSlam:
         return Pose2D(x * params.resolution, y * params.resolution, float(wrap_angle(found.theta)))
 
     def integrate(self, ranges: np.ndarray, quality: float) -> np.ndarray:
-        """Insert a scan at `pose` by averaging; return the newly known cells."""
+        """Insert a scan at the current pose by averaging; return newly known cells (row, column), shape (k, 2)."""
         params, lidar = self._params, self._lidar
         sensor = self.pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, 0.0))
         x, y = self.to_cells(sensor.x, sensor.y)

@@ -14,17 +14,15 @@ from lidarnaut.envs.simulation import PHYSICS, Twist, make_simulator
 from lidarnaut.envs.worlds import load_world
 
 ROOMS = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
-"""Environment arguments for frontier decisions."""
 NUM_DECIDING = (1, 16, 64, 256)
-"""Numbers of sub-environments for frontier decisions; 1 is the single environment."""
+"""Numbers of sub-environments that choose frontiers; 1 is the single environment."""
 NUM_AMONG_PEOPLE = 64
-"""Number of sub-environments with people."""
 WARM_UP, SLICES = 3, 6
-"""Number of warm-up steps, and of interleaved measurements."""
+"""Number of warm-up steps, and of turns that alternate between the measured variants."""
 
 
 def physics(repetitions: int) -> list[dict[str, Any]]:
-    """Time a 0.1 s control step with all sensors, and a reset [us]."""
+    """Measure a 0.1 s control step with all sensors, and a reset, of each simulator [us]."""
     world, calls = load_world("turtlebot3_world"), {}
     for name in PHYSICS:
         for robot in map(load_robot, ("turtlebot3_burger", "turtlebot3_waffle_pi")):
@@ -40,9 +38,10 @@ def physics(repetitions: int) -> list[dict[str, Any]]:
 
 
 def decisions(count: int) -> list[dict[str, Any]]:
-    """Measure `count` nearest-frontier decisions per sub-environment, in processor time.
+    """Measure the processor time of decisions to drive to the nearest frontier.
 
-    Rooms of 20 m x 20 m, TurtleBot3 Burger, Hector, kinematic physics. Numbers of sub-environments are interleaved.
+    Each sub-environment makes `count` decisions: rooms of 20 m x 20 m, TurtleBot3 Burger, Hector SLAM, kinematic
+    simulator.
     """
     deciding = {number: _deciding(number) for number in NUM_DECIDING}
     done = {number: np.zeros(4) for number in deciding}
@@ -87,9 +86,10 @@ def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
 
 
 def people(count: int) -> list[dict[str, Any]]:
-    """Measure `count` steps per sub-environment of goal reaching among people, in processor time.
+    """Measure steps per second of processor time in goal reaching among people.
 
-    Halls of 12 m x 12 m, TurtleBot3 Burger, kinematic physics, random actions.
+    Each sub-environment makes `count` steps: halls of 12 m x 12 m, TurtleBot3 Burger, kinematic simulator, random
+    actions.
     """
     id, world_size, shown = "lidarnaut:lidarnaut/ReachCrowd-v0", (12.0, 12.0), ("scan_history", "goal")
     usual: dict[str, Any] = {"robot": "turtlebot3_burger", "world_size": world_size, "observations": shown}

@@ -1,4 +1,4 @@
-"""NumPy references of kernels."""
+"""NumPy implementations of compiled kernels, for comparison."""
 
 import math
 
@@ -12,7 +12,7 @@ from lidarnaut.envs.robots import RobotParams
 def cast_rays_in_numpy(
     x: float, y: float, angles: np.ndarray, range_max: float, segments: np.ndarray, circles: np.ndarray
 ) -> np.ndarray:
-    """Return ranges to segments and circles, inf without a hit: shape (num_beams,), float64 [m]; see `cast_rays`.
+    """Return ranges from (`x`, `y`) to the nearest wall or circle, inf without a hit: shape (num_beams,), float64 [m].
 
     `angles` are beam directions in the world frame, shape (num_beams,) [rad].
     """
@@ -32,9 +32,10 @@ def cast_rays_in_numpy(
 
 
 def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
-    """Pool a map, shape (height, width), int8, into blocks; see `lidarnaut.envs.estimation.map_pyramid`.
+    """Pool an occupancy grid, shape (height, width), int8, into square blocks: shape (3, rows, columns), uint8.
 
-    `visited` are robot cells (row, column), shape (n, 2). Returns shape (3, rows, columns), uint8.
+    Channels are: any cell occupied, share of free cells, visited; `visited` are robot cells (row, column), shape (n,
+    2).
     """
     rows, cols = -(-data.shape[0] // block), -(-data.shape[1] // block)
     margins = ((0, rows * block - data.shape[0]), (0, cols * block - data.shape[1]))
@@ -48,9 +49,10 @@ def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarr
 
 
 def crop_in_numpy(pooled: np.ndarray, x: float, y: float, theta: float, pixel: float, size: int) -> np.ndarray:
-    """Crop pooled blocks, shape (channels, rows, columns), around the robot; see `crop_level`.
+    """Return a robot-centred crop of a pooled map: shape (channels, size, size), uint8; 0 outside.
 
-    `x`, `y` and `pixel` (side of a crop pixel) are in blocks. Returns shape (channels, size, size), uint8; 0 outside.
+    `pooled` has shape (channels, rows, columns). `x`, `y` and the side `pixel` of a crop pixel are in cells of
+    `pooled`.
     """
     c, s = math.cos(theta), math.sin(theta)
     steps = (np.arange(size) - 0.5 * size + 0.5) * pixel
@@ -66,9 +68,9 @@ def advance_in_numpy(
     state: np.ndarray, command: tuple[float, float], normals: tuple[float, float], period: float, substeps: int,
     robot: RobotParams, segments: np.ndarray, circles: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Move a robot among static obstacles for one period [s]; see `lidarnaut.envs.simulation.kinematic.advance`.
+    """Return a robot's state after driving among static obstacles for one `period` [s]: shape (11,), float64.
 
-    `normals` are standard normal samples of left and right wheel slip. Returns the next state, shape (11,).
+    `normals` are standard normal samples of left and right wheel slip.
     """
     x, y, theta, v, w, left_angle, right_angle, _, _, _, bias = state.tolist()
     turned = 0.0
