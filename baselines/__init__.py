@@ -1,4 +1,4 @@
-"""Classical policies by task."""
+"""Classical (not learned) policies for exploration and navigation."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -50,13 +50,14 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "rrt": RrtExplorer,
     "oracle": OracleExplorer,
 }
-"""Explorers by name; `:published` variants have the parameters of their sources, other explorers tuned parameters.
+"""Explorer classes by name. Names with `:published` use the parameters of the cited paper or package. Other explorers
+use tuned parameters.
 
 :meta hide-value:"""
 Makers = Mapping[str, Callable[[], Any]]
-"""Factories of policies by name."""
+"""Functions that create policies, by policy name."""
 ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}
-"""Policies for robots with velocity commands in any task."""
+"""Policies for every task with velocity commands, by name."""
 _PATIENT = GoalParams(max_recoveries=50, max_searches=20, search_radius=1.0)
 DRIVES = {
     "pursuit": _PATIENT,
@@ -64,13 +65,13 @@ DRIVES = {
     "dwb": replace(_PATIENT, local_planner="dwb", track_people=True),
     "mppi": replace(_PATIENT, local_planner="mppi", track_people=True),
 }
-"""Parameters of goal navigation by policy name, with many recoveries because people block paths temporarily."""
+"""Navigation parameters by policy name. Many recovery behaviors are allowed, because people block paths temporarily."""
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
     "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},
     "route": {"route_follower": RouteFollower},
 }
-"""Policies for tasks with an attribute of this name, by attribute; see `policies_for`."""
+"""Single-robot policies by the task attribute that they need (`coverage`, `goal` or `route`), then by name."""
 TEAMS: Mapping[str, Makers] = {
     "coverage": {
         "rrt_team": RrtTeam,
@@ -78,15 +79,16 @@ TEAMS: Mapping[str, Makers] = {
         "mtsp": partial(TeamExplorer, MinMaxTours()),
     }
 }
-"""Policies for team tasks with an attribute of this name, by attribute."""
+"""Team policies by the task attribute that they need, then by name."""
 CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values()) for name in makers)
 """Names of all classical policies."""
 
 
 def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
-    """Return the classical policies for the task of an environment after its reset, by name.
+    """Return the classical policies that suit an environment's task: functions that create them, by name.
 
-    Task attributes decide: a custom task with a `goal` offers `pursuit`.
+    Call `env.reset` before. Policies are selected by task attributes. For example, every task with a `goal` gets
+    `pursuit`.
     """
     inner: Any = getattr(env.unwrapped, "explore", env.unwrapped)
     if isinstance(env.action_space, spaces.Discrete):
@@ -103,7 +105,10 @@ def _one_per_robot(make: Callable[[], Explorer]) -> OnePerRobot:
 
 
 def make_explorer(name: str) -> Explorer:
-    """Create an explorer with default parameters by name or `module:attribute`.
+    """Create an explorer with default parameters.
+
+    Args:
+        name: Name in `EXPLORERS`, or `module:attribute` of a custom explorer class.
 
     Raises:
         ValueError: if the name is unknown.

@@ -1,4 +1,4 @@
-"""Policies without a map."""
+"""Simple policies: random motion, wall following, route following."""
 
 import math
 from itertools import product
@@ -13,29 +13,30 @@ from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.route import Route
 
 CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
-"""Candidate curvatures from right to left, for a robot radius of 0.1 m; lower for larger robots [1/m]."""
+"""Arc curvatures that the wall follower tries, from right to left [1/m]. Robots with a radius above 0.1 m use smaller
+curvatures."""
 REFERENCE_RADIUS = 0.1
-"""Robot radius of `CURVATURES` [m]."""
+"""Robot radius for which `CURVATURES` apply unchanged [m]."""
 WALL_MARGIN = 0.12
-"""Preferred gap between footprint and wall [m]."""
+"""Preferred gap between the wall follower's footprint and a wall [m]."""
 MIN_WALL_MARGIN = 0.02
-"""Gap between footprint and wall in narrow passages [m]."""
+"""Minimum gap between the wall follower's footprint and a wall, for narrow passages [m]."""
 ARC_LENGTH = 0.8
-"""Collision-free length that an arc needs, beyond the robot's radius [m]."""
+"""Length of an arc that must be collision-free, in addition to the robot's radius [m]."""
 SPEED = 0.8
-"""Speed as a fraction of the maximum speed."""
+"""Speed of the wall follower, as a fraction of the robot's maximum speed."""
 TURN_RATE = 1.0
-"""Maximum yaw rate of turns [rad/s]."""
+"""Maximum yaw rate of the wall follower [rad/s]."""
 LOOKAHEAD_TIME = 0.75
-"""Lookahead distance / speed [s]; routes are smoother than grid paths."""
+"""Lookahead distance of the route follower divided by its speed [s]."""
 MIN_TURN_TIME = 1.0
-"""Minimum arc radius / speed [s]; the robot slows down on tighter arcs."""
+"""Minimum time to drive a distance of one arc radius on a route [s]; limits the speed in curves."""
 ROTATE_FROM = 1.6
-"""Heading error above which the robot turns in place [rad], larger than at a rounded right angle."""
+"""Heading error above which the route follower turns in place [rad]. Rounded right angles cause smaller errors."""
 
 
 class RandomExplorer:
-    """Samples forward speed and yaw rate uniformly within the robot's limits."""
+    """Policy that samples forward speed and yaw rate uniformly within the robot's limits."""
 
     end_reason = plan = None
 
@@ -49,7 +50,7 @@ class RandomExplorer:
 
 
 class RandomChooser(RuleExplorer):
-    """Chooses a random frontier candidate."""
+    """Explorer that drives to a random reachable frontier."""
 
     def __init__(self) -> None:
         super().__init__(self._draw)
@@ -63,9 +64,10 @@ class RandomChooser(RuleExplorer):
 
 
 class WallFollower:
-    """Follows walls on its right by the scan alone.
+    """Policy that follows walls on the right side of the robot, by the lidar scan alone.
 
-    Drives the rightmost collision-free arc, and after a net rotation of a full turn straight to another wall.
+    The robot drives the rightmost collision-free arc. After a net rotation of more than one turn, the robot turns by a
+    random angle and drives straight to another wall.
     """
 
     end_reason = plan = None
@@ -116,7 +118,7 @@ class WallFollower:
 
 
 class RouteFollower:
-    """Follows a route with the path follower."""
+    """Policy that follows a given route by regulated pure pursuit."""
 
     end_reason = plan = None
 

@@ -1,4 +1,4 @@
-"""Planner of coverage tours on the true map."""
+"""Planner of short tours that observe the explorable area, on the true map."""
 
 import math
 
@@ -9,25 +9,28 @@ from lidarnaut.baselines.oracle.cover_viewpoints import Viewpoints, pack_bits, u
 from lidarnaut.envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
-"""Maximum number of sample cells of the area to observe."""
+"""Maximum number of sample cells that represent the unobserved area."""
 STOP_COST = 0.1
-"""Cost of a stop in addition to its path [m]; favors tours with fewer turns."""
+"""Length added to tours per stop [m]; favors tours with fewer turns."""
 PASSED_SHARE = 0.5
-"""Maximum distance of visible cells from a viewpoint passed by the robot, as a fraction of the lidar range."""
+"""Radius around a passed viewpoint in which unobserved cells count as missed, as a fraction of the lidar range."""
 MAX_MISSES = 2
-"""Number of viewpoints that fail to show a cell before the tour ignores the cell."""
+"""Number of viewpoints that fail to show a cell before the planner ignores the cell."""
 
 
 class CoverPlanner:
-    """Keeps a tour of viewpoints, and replans it from the position of the robot.
+    """Planner of a tour of viewpoints, updated from the position of the robot.
 
-    Cells that were missed `MAX_MISSES` times are ignored, and replaced by other cells if possible.
+    Cells that `MAX_MISSES` viewpoints failed to show are ignored, and replaced by other cells if possible.
     """
 
     def __init__(
         self, area: ExplorableArea, viewpoints: Viewpoints, reach: float, target: float, rng: np.random.Generator
     ) -> None:
-        """Create a planner without a tour; `reach`: lidar range [m], `target`: fraction to observe."""
+        """Create a planner without a tour.
+
+        `area`: area to observe. `viewpoints`: possible stops. `reach`: lidar range [m]. `target`: fraction to observe.
+        """
         self.area, self.viewpoints = area, viewpoints
         self._reach = reach / area.walls.resolution
         self._rng = rng
@@ -39,7 +42,7 @@ class CoverPlanner:
         self._samples = np.empty((0, 2), dtype=np.int64)
         self._sees = np.empty((len(viewpoints.cells), 0), dtype=np.uint64)
         self.stops: list[int] = []
-        """Indices of the next viewpoints, in order."""
+        """Indices of the next viewpoints on the tour, in order."""
 
     def leave_out(self, viewpoint: int) -> None:
         self._used[viewpoint] = True
@@ -47,9 +50,9 @@ class CoverPlanner:
         self.stops = [stop for stop in self.stops if stop != viewpoint]
 
     def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
-        """Remove a viewpoint that the robot has visited or passed, and count missed cells.
+        """Remove a viewpoint that the robot has visited or passed, and count cells not observed from there.
 
-        `seen`: known cells, shape of the explorable area, bool.
+        `viewpoint`: index. `seen`: mask of observed cells, shape of the explorable area, bool.
         """
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
@@ -59,9 +62,10 @@ class CoverPlanner:
         self.leave_out(viewpoint)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
-        """Update the tour of a robot at (x, y), world frame [m]; return True if the target can be reached.
+        """Update the tour from the robot's position; return True if the target fraction can be observed.
 
-        `seen`: known cells, shape of the explorable area, bool. `num_rounds`: see `search_tour`.
+        `x`, `y`: position, world frame [m]. `seen`: mask of observed cells, shape of the explorable area, bool.
+        `num_rounds`: number of rounds of the tour search.
         """
         paths = self.viewpoints.paths_from(x, y)
         if paths is None:

@@ -1,4 +1,4 @@
-"""Explorer that uses ground truth and drives a short coverage tour."""
+"""Explorer that knows the true map and drives a short tour that observes the area."""
 
 import numpy as np
 
@@ -17,24 +17,27 @@ from lidarnaut.envs.tasks.coverage import Coverage
 DECISION_PERIOD = 1.0
 """Time between two updates of the tour [s]."""
 NUM_FIRST_ROUNDS = 300
-"""Number of search rounds for the first tour; see `search_tour`."""
+"""Number of rounds of the tour search for the first tour of an episode."""
 NUM_ROUNDS = 4
-"""Number of search rounds for later tours; see `search_tour`."""
+"""Number of rounds of the tour search for each update of the tour."""
 LOOKAHEAD = 3.0
-"""Maximum distance of a path goal along the tour [m]."""
+"""Distance along the tour to the goal of a path [m]. The next stop is the goal if nearer."""
 ARRIVAL_RADIUS = 0.15
-"""Maximum distance from a stop that counts as reached [m]."""
+"""Distance from a tour stop within which the stop counts as visited [m]."""
 REACH_MARGIN = 0.1
-"""Reduction of the lidar range in plans [m]."""
+"""Reduction of the lidar range assumed in tour planning [m]."""
 GOAL_TOLERANCE = 0.4
-"""Maximum distance between a stop and the end of its path [m]."""
+"""Maximum distance between a viewpoint and the end of the path to this viewpoint [m]."""
 
 
 class TrueMap:
-    """True map in the map frame, used to complete an estimated map."""
+    """True map, transformed to the map frame, which fills unknown cells of an estimated map."""
 
     def __init__(self, walls: OccupancyGrid, start: Pose2D) -> None:
-        """Store the true map, world frame, and the pose of the map frame."""
+        """Store the true map.
+
+        `walls`: true occupancy grid, world frame. `start`: pose of the map frame in the world frame.
+        """
         self._walls, self._start = walls, start
         self._grid: OccupancyGrid | None = None
 
@@ -70,7 +73,10 @@ class TrueMap:
 
 
 class OracleExplorer:
-    """Explorer that plans tours on the true map, and paths on the map completed by it; a `PrivilegedPolicy`."""
+    """Explorer that knows the true map, plans a short tour that observes the area, and drives along the tour.
+
+    Paths are planned on the estimated map, with true values in unknown cells.
+    """
 
     def __init__(self) -> None:
         self._rest = NearestExplorer()

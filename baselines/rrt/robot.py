@@ -1,4 +1,4 @@
-"""Team robot for exploration by random trees."""
+"""Team robot that drives to frontier points found by random trees."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from lidarnaut.envs.robots import RobotParams
 
 
 class RrtRobot(TeamRobot):
-    """Offers the frontier cell nearest to each valid frontier point."""
+    """Team robot that drives to frontier cells near the frontier points found by random trees."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: RrtParams, index: int) -> None:
         super().__init__(robot, control_period, index, patience=params.patience)
