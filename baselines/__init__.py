@@ -50,14 +50,11 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "rrt": RrtExplorer,
     "oracle": OracleExplorer,
 }
-"""Explorer classes by name. Names with `:published` use the parameters of the cited paper or package. Other explorers
-use tuned parameters.
+"""Explorer classes by name. Parameters are tuned, or as in the cited publication (`:published`).
 
 :meta hide-value:"""
 Makers = Mapping[str, Callable[[], Any]]
-"""Functions that create policies, by policy name."""
 ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}
-"""Policies for every task with velocity commands, by name."""
 _PATIENT = GoalParams(max_recoveries=50, max_searches=20, search_radius=1.0)
 DRIVES = {
     "pursuit": _PATIENT,
@@ -65,13 +62,13 @@ DRIVES = {
     "dwb": replace(_PATIENT, local_planner="dwb", track_people=True),
     "mppi": replace(_PATIENT, local_planner="mppi", track_people=True),
 }
-"""Navigation parameters by policy name. Many recovery behaviors are allowed, because people block paths temporarily."""
+"""Navigation parameters by policy name, with many recovery behaviors because people block paths temporarily."""
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
     "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},
     "route": {"route_follower": RouteFollower},
 }
-"""Single-robot policies by the task attribute that they need (`coverage`, `goal` or `route`), then by name."""
+"""Single-robot policies by required task attribute (`coverage`, `goal` or `route`) and policy name."""
 TEAMS: Mapping[str, Makers] = {
     "coverage": {
         "rrt_team": RrtTeam,
@@ -79,16 +76,14 @@ TEAMS: Mapping[str, Makers] = {
         "mtsp": partial(TeamExplorer, MinMaxTours()),
     }
 }
-"""Team policies by the task attribute that they need, then by name."""
+"""Team policies by required task attribute and policy name."""
 CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values()) for name in makers)
-"""Names of all classical policies."""
 
 
 def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
-    """Return the classical policies that suit an environment's task: functions that create them, by name.
+    """Return constructors of the classical policies that suit an environment's task, by name.
 
-    Call `env.reset` before. Policies are selected by task attributes. For example, every task with a `goal` gets
-    `pursuit`.
+    The environment must be reset. Task attributes decide: for example, every task with a `goal` gets `pursuit`.
     """
     inner: Any = getattr(env.unwrapped, "explore", env.unwrapped)
     if isinstance(env.action_space, spaces.Discrete):
@@ -105,10 +100,7 @@ def _one_per_robot(make: Callable[[], Explorer]) -> OnePerRobot:
 
 
 def make_explorer(name: str) -> Explorer:
-    """Create an explorer with default parameters.
-
-    Args:
-        name: Name in `EXPLORERS`, or `module:attribute` of a custom explorer class.
+    """Create an explorer with default parameters from a name in `EXPLORERS`, or from `module:attribute`.
 
     Raises:
         ValueError: if the name is unknown.

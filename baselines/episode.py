@@ -60,8 +60,8 @@ def run(
 ) -> Ended:
     """Step an environment until the episode ends or `decide` returns a string (reason to stop).
 
-    `observation`, `info`: results of the reset or of the last step. `watch`: function called with `info` at the start
-    and after every step. `clock`: function that returns the time [s], for computing times.
+    `observation`, `info`: results of the reset or of the last step. `watch`: called with `info` at the start and after
+    every step. `clock`: returns the time [s].
     """
     env, decision_times, watch = LastInfo(env), list[float](), watch or (lambda _: None)
     watch(info)
@@ -87,7 +87,7 @@ class Episode:
     """
 
     values: Mapping[str, float]
-    """Measures by name, such as `time_to_95`: time until 95 % of the area is explored [s]."""
+    """Measures by name, such as `time_to_95`; also attributes of the episode."""
     history: EpisodeHistory
     """Numeric entries of `info` at the reset and after every step."""
     decision_times: np.ndarray
@@ -111,7 +111,6 @@ class Episode:
         return 1000.0 * float(np.mean(self.decision_times))
 
     def __getattr__(self, name: str) -> float:
-        """Return a measure by name, as in `episode.time_to_95`."""
         if name.startswith("_") or name not in self.values:
             raise AttributeError(f"unknown measure of the task, {explain_unknown(name, self.values)}")
         return self.values[name]
@@ -142,9 +141,8 @@ def begin_episode(
 def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
     """Return a function that computes a policy's action for an observation of an environment.
 
-    If the policy has a lower `control_hz` than the environment, the function repeats actions. In tasks with
-    `return_home`, a navigator drives the robot home after exploration. Planned paths are copied to the environment for
-    rendering.
+    For policies with a lower `control_hz`, the function repeats actions. With `return_home`, a navigator drives home
+    after exploration. Planned paths are stored for rendering.
     """
     inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
     decide_once, task = _decide_once(policy, env), inner.task
@@ -228,13 +226,11 @@ def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
 def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step: Watch | None = None) -> Episode:
     """Run an episode and measure the policy's performance.
 
-    The task, the time limit or the policy ends the episode.
-
     Args:
         env: environment, possibly wrapped.
         policy: policy for one robot or a team. Only a `PrivilegedPolicy` receives ground truth.
         seed: seed of environment and policy.
-        on_step: function called with `info` after the reset and after every step.
+        on_step: called with `info` after the reset and after every step.
     """
     inner, recorder = lidar_env_of(env), HistoryRecorder()
     # Independent of the generators that the environment spawns.

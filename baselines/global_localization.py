@@ -25,14 +25,14 @@ from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.worlds import save_map
 
 AMCL = replace(load_preset("default"), lost_fit=0.7)
-"""AMCL parameters for maps made by SLAM. A lower share of scan points that fit the map is accepted than by default."""
+"""AMCL parameters for maps made by SLAM, which match scans less precisely."""
 PICTURE_SIZE = (1280, 720)
 FRAME_TIMES = {True: 0.1, False: 1.0}
-"""Simulated time between frames of the animation [s], while the robot is lost (True) and localized (False)."""
+"""Simulated time between animation frames [s], while the robot is lost (True) and localized (False)."""
 FRAME_MS = {True: 400, False: 80}
 """Display time of an animation frame [ms], while the robot is lost (True) and localized (False)."""
 TIME_PER_GOAL = 600.0
-"""Simulated time allowed per goal [s]. At most half of this time may be spent on localization."""
+"""Simulated time allowed per goal [s], at most half of it for localization."""
 MAX_FRAMES = 240
 
 
@@ -52,7 +52,6 @@ class Animation:
         self._frames.append((Image.frombytes("RGB", PICTURE_SIZE, pixels), FRAME_MS[scene.belief.is_lost]))
 
     def save(self, path: Path) -> None:
-        """Write the GIF to `path`, and three of its frames side by side as PNG."""
         kept = self._frames[:: -(-len(self._frames) // MAX_FRAMES)]
         first, *others = (frame.quantize(64, dither=Image.Dither.NONE) for frame, _ in kept)
         durations = [*(duration for _, duration in kept[:-1]), 2000]

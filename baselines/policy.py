@@ -16,13 +16,12 @@ from lidarnaut.envs.tasks.coverage import Coverage
 class Policy(Protocol):
     """Interface of all policies.
 
-    Optional attributes: `observations` (names of required observations), `control_hz` (actions per second [Hz]; each
-    action is repeated in between), `level` (`"decision"` if actions are frontiers instead of velocities),
-    `uses_ground_truth` (True for policies with ground truth).
+    Optional attributes: `observations` (names of required observations), `control_hz` (actions per second [Hz],
+    repeated in between), `level` (`"decision"` if actions are frontiers instead of velocities), `uses_ground_truth`.
 
-    Optional methods: `set_goal(goal)` receives the goal pose, map frame, at the start and after each change. If only
-    the bearing is known, `goal` is a point in the direction of the goal. `set_tolerances(distance, heading)` receives
-    the goal tolerances [m, rad] before. `set_route(route)` receives the route of a task.
+    Optional methods: `set_goal(goal)` receives the goal pose, map frame, at the start and after changes. If only the
+    bearing is known, `goal` is a point in the direction of the goal. `set_tolerances(distance, heading)` receives the
+    goal tolerances [m, rad] before. `set_route(route)` receives the route of a task.
     """
 
     @property
@@ -36,13 +35,12 @@ class Policy(Protocol):
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         """Prepare the policy for an episode.
 
-        `robot`: parameters of the robot. `control_period`: time between actions [s]. `rng`: random generator of the
-        policy.
+        `control_period`: time between actions [s]. `rng`: random generator of the policy.
         """
 
 
 class Explorer(Policy, Protocol):
-    """Policy that computes velocities from sensor data, estimated pose and estimated map, without ground truth."""
+    """Policy that computes velocities from sensor data, estimated pose and map, without ground truth."""
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         """Return the velocity command for the next control period, which is clipped to the robot's limits.
@@ -76,7 +74,7 @@ GROUND_TRUTH = " (ground truth)"
 def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -> str:
     """Return the name of a policy, with the suffix " (ground truth)" if the policy uses ground truth.
 
-    This includes policies that act on observations of `env`, if these contain ground truth.
+    This includes policies that act on observations of `env`, if observations contain ground truth.
     """
     uses_it = isinstance(policy, PrivilegedPolicy) or getattr(policy, "uses_ground_truth", False)
     if env is not None and not hasattr(policy, "act") and env.has_wrapper_attr("uses_ground_truth"):
@@ -85,10 +83,10 @@ def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -
 
 
 class OnePerRobot:
-    """Policy for a team that drives each robot by a separate copy of a single-robot explorer.
+    """Drives each robot of a team by a separate copy of an explorer.
 
-    Team policies have the attributes `is_team` (True) and `plans` (path of each robot). Arguments and result of `act`
-    are lists with an item per robot.
+    Team policies have `is_team` (True) and `plans` (path of each robot). Their method `act` takes and returns lists
+    with an item per robot.
     """
 
     is_team = True

@@ -13,30 +13,29 @@ from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.route import Route
 
 CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
-"""Arc curvatures that the wall follower tries, from right to left [1/m]. Robots with a radius above 0.1 m use smaller
-curvatures."""
+"""Arc curvatures tried by the wall follower, right to left, for a robot radius of 0.1 m [1/m]."""
 REFERENCE_RADIUS = 0.1
 """Robot radius for which `CURVATURES` apply unchanged [m]."""
 WALL_MARGIN = 0.12
-"""Preferred gap between the wall follower's footprint and a wall [m]."""
+"""Preferred gap between footprint and wall [m]."""
 MIN_WALL_MARGIN = 0.02
-"""Minimum gap between the wall follower's footprint and a wall, for narrow passages [m]."""
+"""Minimum gap between footprint and wall, in narrow passages [m]."""
 ARC_LENGTH = 0.8
-"""Length of an arc that must be collision-free, in addition to the robot's radius [m]."""
+"""Collision-free length required of an arc, in addition to the robot's radius [m]."""
 SPEED = 0.8
-"""Speed of the wall follower, as a fraction of the robot's maximum speed."""
+"""Speed of the wall follower, as a fraction of the maximum speed."""
 TURN_RATE = 1.0
 """Maximum yaw rate of the wall follower [rad/s]."""
 LOOKAHEAD_TIME = 0.75
 """Lookahead distance of the route follower divided by its speed [s]."""
 MIN_TURN_TIME = 1.0
-"""Minimum time to drive a distance of one arc radius on a route [s]; limits the speed in curves."""
+"""Minimum arc radius divided by speed [s]; limits the speed in curves."""
 ROTATE_FROM = 1.6
-"""Heading error above which the route follower turns in place [rad]. Rounded right angles cause smaller errors."""
+"""Heading error above which the route follower turns in place [rad]."""
 
 
 class RandomExplorer:
-    """Policy that samples forward speed and yaw rate uniformly within the robot's limits."""
+    """Samples forward speed and yaw rate uniformly within the robot's limits."""
 
     end_reason = plan = None
 
@@ -50,7 +49,7 @@ class RandomExplorer:
 
 
 class RandomChooser(RuleExplorer):
-    """Explorer that drives to a random reachable frontier."""
+    """Drives to a random reachable frontier."""
 
     def __init__(self) -> None:
         super().__init__(self._draw)
@@ -64,10 +63,10 @@ class RandomChooser(RuleExplorer):
 
 
 class WallFollower:
-    """Policy that follows walls on the right side of the robot, by the lidar scan alone.
+    """Follows walls on the robot's right side, by the lidar scan alone.
 
-    The robot drives the rightmost collision-free arc. After a net rotation of more than one turn, the robot turns by a
-    random angle and drives straight to another wall.
+    The robot drives the rightmost collision-free arc. After a full turn, the robot rotates by a random angle and drives
+    straight to another wall.
     """
 
     end_reason = plan = None
@@ -118,7 +117,7 @@ class WallFollower:
 
 
 class RouteFollower:
-    """Policy that follows a given route by regulated pure pursuit."""
+    """Follows a given route by regulated pure pursuit."""
 
     end_reason = plan = None
 

@@ -1,10 +1,10 @@
-"""Short tours from a start past all stops, without return (open travelling salesman problem)."""
+"""Short tours past all stops, without return to the start."""
 
 import numpy as np
 from numba import njit
 
 MIN_SAVING = 1e-9
-"""Minimum length saved by a change of a tour [m]; smaller savings are rounding errors."""
+"""Minimum length saved by a change, above rounding errors [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -38,10 +38,9 @@ def changed(tour, i, k, j):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def is_shorter(lengths, tour, i, k, j, least):
-    """Return True if a 2-opt or or-opt change saves more than the length `least` [m].
+    """Return True if `changed(tour, i, k, j)`, a 2-opt or or-opt change, saves more than `least` [m].
 
-    `lengths`: symmetric path lengths between points [m], shape (n, n). `tour`, `i`, `k`, `j`: arguments of `changed`,
-    which applies the change. Swaps of two parts with more than 3 stops each are rejected.
+    `lengths`: symmetric path lengths between points [m]. Swaps of two parts with more than 3 stops each are rejected.
     """
     if min(k - i, j - k - 1) > 2:
         return False

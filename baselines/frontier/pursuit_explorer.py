@@ -1,4 +1,4 @@
-"""Path following that steers to a near point on the path and does not slow down in bends."""
+"""Path following without slowing down in bends."""
 
 import math
 
@@ -13,13 +13,13 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 TURN = 1.2
-"""Yaw rate per angle between heading and path, as a fraction of the maximum yaw rate [1/rad]."""
+"""Yaw rate per angle to the path, as a fraction of the maximum yaw rate [1/rad]."""
 
 
 class PursuitDriving(RuleExplorer):
     """Frontier explorer that steers to a near point on the path and does not slow down in bends.
 
-    Near obstacles and in recovery behaviors, the standard navigator drives.
+    Near obstacles and in recoveries, the standard navigator drives.
     """
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
@@ -43,10 +43,9 @@ class PursuitExplorer(PursuitDriving):
 def pursue(
     frontiers: FrontierNavigator, robot: RobotParams, pose: Pose2D, twist: Twist, obstacles: np.ndarray
 ) -> Twist:
-    """Return the velocity command towards a near point on the path, or `twist` if obstacles block the arc.
+    """Return the velocity command towards a near point on the path, or `twist` if the arc is blocked.
 
-    `frontiers`: navigator with the path. `pose`: pose of the robot, map frame. `twist`: command of the navigator.
-    `obstacles`: obstacle points, shape (n, 2), float64, base frame [m].
+    `frontiers`: navigator with the path. `obstacles`: shape (n, 2), float64, base frame [m].
     """
     navigator = frontiers.navigator
     if navigator.is_recovering or navigator.plan is None:

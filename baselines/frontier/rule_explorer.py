@@ -1,5 +1,3 @@
-"""Explorer that drives to the frontier with the highest score."""
-
 import math
 from typing import Protocol
 
@@ -12,7 +10,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 COMMITTED = math.inf
-"""Maximum drive time [s] of explorers that keep a frontier until the drive ends."""
+"""Unlimited drive time [s]: a frontier is kept until the drive ends."""
 
 
 class FrontierRule(Protocol):
@@ -30,7 +28,7 @@ class FrontierRule(Protocol):
 
 
 class RuleExplorer:
-    """Explorer that drives to the candidate (reachable frontier) with the highest score of a rule."""
+    """Drives to the candidate (reachable frontier) with the highest score of a rule."""
 
     def __init__(
         self,
@@ -41,11 +39,10 @@ class RuleExplorer:
         planning: PlanningParams = PlanningParams(),
         params: NavigatorParams = NavigatorParams(),
     ) -> None:
-        """Create an explorer.
+        """Create an explorer with a rule that scores frontiers.
 
-        `rule`: function that scores frontiers. `max_time`: maximum drive time before the next choice [s].
-        `max_candidates`: maximum number of frontiers to score, lowest path cost first; None for all. `planning`,
-        `params`: parameters of planning and driving.
+        `max_time`: maximum drive time before the next choice [s]. `max_candidates`: maximum number of frontiers to
+        score, lowest path cost first. `planning`, `params`: parameters of planning and driving.
         """
         self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
         self.planning, self.params = planning, params
@@ -53,7 +50,6 @@ class RuleExplorer:
         self.end_reason: str | None = None
         """Reason why exploration ended, `"no_reachable_frontier"` or `"stuck"`; None while exploring."""
         self.navigator: FrontierNavigator | None = None
-        """Navigator that finds reachable frontiers and drives to the chosen one."""
         self.scores: np.ndarray | None = None
         """Scores of the reachable frontiers at the last choice, shape (k,)."""
         self._has_begun = False
@@ -100,10 +96,7 @@ class RuleExplorer:
         return navigator.command(belief)
 
     def choose(self, navigator: FrontierNavigator, belief: Belief) -> int:
-        """Return the index of the candidate (reachable frontier) with the highest score.
-
-        `navigator`: navigator with the candidates. `belief`: estimated pose and map.
-        """
+        """Return the index of the candidate (reachable frontier) with the highest score."""
         self.scores = scores = self.rate(navigator, belief)
         if scores.ndim != 1 or len(scores) > len(navigator.candidates):
             raise ValueError(f"a rule must return a score for each candidate, shape (k,), got shape {scores.shape}")

@@ -12,37 +12,37 @@ from lidarnaut.envs.navigation import Candidates, GainOverCost, PlanningParams, 
 from lidarnaut.envs.robots import RobotParams
 
 CELL = 0.05
-"""Cell side of maps for which publications give frontier sizes in cells [m]."""
+"""Cell side for frontier sizes that publications give in cells [m]."""
 MIN_LENGTHS = (8 * CELL, 3 * CELL)
 """Minimum frontier lengths [m], tried in order until a frontier is reachable."""
 
 
 def nearest(candidates: Candidates, belief: Belief) -> np.ndarray:
-    """Return the negative path cost of each candidate (reachable frontier) as score (Yamauchi 1997)."""
+    """Score reachable frontiers by negative path cost (Yamauchi 1997)."""
     return failed_last(-candidates["cost"], candidates)
 
 
 class NearestExplorer(RuleExplorer):
-    """Explorer that drives to the frontier with the lowest path cost."""
+    """Drives to the frontier with the lowest path cost."""
 
     def __init__(self) -> None:
         super().__init__(nearest, max_candidates=4, planning=PlanningParams(min_lengths=MIN_LENGTHS))
 
 
 def greedy_gain(candidates: Candidates, belief: Belief) -> np.ndarray:
-    """Return the unknown area in view of each candidate (reachable frontier) as score [m2]."""
+    """Score reachable frontiers by unknown area in view [m2]."""
     return failed_last(candidates["visible"], candidates)
 
 
 class GreedyGainExplorer(RuleExplorer):
-    """Explorer that drives to the frontier with the most unknown area in view."""
+    """Drives to the frontier with the most unknown area in view."""
 
     def __init__(self) -> None:
         super().__init__(greedy_gain, max_time=COMMITTED)
 
 
 class GainOverCostExplorer(RuleExplorer):
-    """Explorer that chooses frontiers by unknown area divided by path cost, every four seconds."""
+    """Chooses frontiers by unknown area divided by path cost, every four seconds."""
 
     def __init__(self, params: GainOverCost = GainOverCost()) -> None:
         super().__init__(params)
@@ -50,12 +50,12 @@ class GainOverCostExplorer(RuleExplorer):
 
 @dataclass(frozen=True, slots=True)
 class ExploreLite:
-    """Frontier scores of the ROS package explore_lite (Horner, "Map-merging for multi-robot system", 2016).
+    """Frontier score of the ROS package explore_lite (Horner, "Map-merging for multi-robot system", 2016).
 
-    The frontier with the lowest cost `potential_scale * distance - gain_scale * size` is chosen. `distance` is the
-    straight distance to the nearest frontier cell [m], `size` the number of 5 cm cells. Unlike in the package, the goal
-    is the viewpoint nearest to the centroid, and small frontiers count if no larger frontier is reachable. Defaults are
-    from the launch file, except for `gain_scale`.
+    The cost (negative score) is `potential_scale * distance - gain_scale * size`, with the straight distance to the
+    nearest frontier cell [m] and the number of 5 cm cells. Unlike in the package, the goal is the viewpoint nearest to
+    the centroid, and small frontiers count if no larger one is reachable. Defaults are from the launch file, except for
+    `gain_scale`.
     """
 
     potential_scale: NonNegativeFloat = 3.0
@@ -119,7 +119,7 @@ class NextBestView:
 
 
 class NextBestViewExplorer(RuleExplorer):
-    """Explorer that drives to the viewpoint with the most unknown area in view, discounted by path length."""
+    """Drives to the viewpoint with the most unknown area in view, discounted by path length."""
 
     def __init__(self, params: NextBestViewParams = NextBestViewParams()) -> None:
         planning = PlanningParams(min_lengths=MIN_LENGTHS, max_extent=1.0)
@@ -127,6 +127,6 @@ class NextBestViewExplorer(RuleExplorer):
 
 
 PUBLISHED_LITE = ExploreLite(gain_scale=1.0)
-"""Parameters in the launch file of the ROS package explore_lite."""
+"""Parameters in the launch file of explore_lite."""
 PUBLISHED_VIEWS = NextBestViewParams(discount=0.5, max_time=math.inf)
-"""Parameters in the next-best-view paper (Bircher et al., 2016)."""
+"""Parameters in the paper of Bircher et al. (2016)."""

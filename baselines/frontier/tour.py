@@ -1,4 +1,4 @@
-"""Frontier explorer that plans a short tour past all frontiers and drives to its first stop.
+"""Explorer that plans a short tour past all frontiers.
 
 After Cao, Zhu, Choset, Zhang, "TARE: A Hierarchical Framework for Efficiently Exploring Complex 3D Environments", 2021,
 with a single level of tours.
@@ -23,9 +23,8 @@ UNREACHABLE_LENGTH = 1e4
 SEARCH_MARGIN = 10.0
 """Margin of the path search around the bounding box of all stops [m]."""
 VIEWPOINT_SPACING = 1.0
-"""Maximum length of a frontier with a single viewpoint [m]. Longer frontiers are split."""
+"""Maximum length of frontiers [m]. Longer frontiers are split."""
 MAX_CANDIDATES = 64
-"""Maximum number of reachable frontiers considered, lowest path cost first."""
 TOUR_PERIOD = 2.0
 """Maximum drive time before the next tour is planned [s]."""
 
@@ -35,10 +34,9 @@ class TourParams:
     """Parameters of tours past all frontiers."""
 
     cover: NonNegativeFloat = 0.4
-    """Radius around a tour stop in which a frontier needs no other stop, as a fraction of the lidar range; at most
-    `max_cover`."""
+    """Radius around a tour stop in which frontiers need no other stop, as a fraction of the lidar range."""
     max_cover: NonNegativeFloat = 3.0
-    """Maximum radius around a tour stop in which a frontier needs no other stop [m]."""
+    """Maximum radius around a tour stop in which frontiers need no other stop [m]."""
     max_stops: PositiveInt = 16
     """Maximum number of stops of a tour, lowest path cost first."""
     hysteresis: NonNegativeFloat = 1.0
@@ -46,7 +44,7 @@ class TourParams:
 
 
 class Tour:
-    """Score of frontiers: negative length of a short tour past all frontiers that visits the scored frontier first."""
+    """Scores each frontier by the negative length of a short tour that visits this frontier first."""
 
     def __init__(self, params: TourParams) -> None:
         self._params = params
@@ -81,7 +79,7 @@ class Tour:
 
 
 class TourExplorer(RuleExplorer):
-    """Explorer that drives to the first stop of a short tour past all frontiers.
+    """Drives to the first stop of a short tour past all frontiers.
 
     Short frontiers are ignored while a longer frontier is reachable.
     """
@@ -94,8 +92,8 @@ class TourExplorer(RuleExplorer):
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
     """Return path lengths between a start and n stops, shape (n + 1, n + 1), float64, symmetric [m].
 
-    `start`: (x, y), map frame [m]; index 0 of the result. `stops`: positions, shape (n, 2), float64, map frame [m].
-    Lengths are at most `UNREACHABLE_LENGTH`. The search on coarse cells may count narrow passages as open.
+    `start`: (x, y), map frame [m]. `stops`: shape (n, 2), float64, map frame [m]. Lengths are at most
+    `UNREACHABLE_LENGTH`. The search on coarse cells may count narrow passages as open.
     """
     points, grid = np.vstack([start, stops]), costmap.grid
     reach, size = math.ceil(SEARCH_MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))
@@ -115,9 +113,9 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
 
 
 def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:
-    """Split an array of cells into square blocks, shape (block rows, block columns, side**2).
+    """Split `costs` into blocks of side x side cells, shape (block rows, block columns, side**2).
 
-    `costs`: cells, two-dimensional. `side`: side of a block [cells]. `beyond`: value that fills incomplete blocks.
+    Incomplete blocks are filled with `beyond`.
     """
     padded = np.pad(costs, [(0, -length % side) for length in costs.shape], constant_values=beyond)
     height, width = padded.shape[0] // side, padded.shape[1] // side

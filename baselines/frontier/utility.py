@@ -1,8 +1,8 @@
 """Frontier explorer of the report "Hệ thống AGV tự động khám phá map cho smart warehouse", 2024.
 
-Clusters of frontier cells (DBSCAN) near obstacles, the robot or failed goals are discarded. The cluster with the
-highest information gain divided by distance is chosen. Unlike in the report, the explored share refers to the bounding
-box of the observed area. If no cluster passes the filters, filters are relaxed step by step.
+Clusters of frontier cells near obstacles, the robot or failed goals are discarded. The rest is ranked by information
+gain divided by distance. Unlike in the report, the explored share refers to the bounding box of the observed area, and
+filters are relaxed if no cluster passes.
 """
 
 import logging
@@ -30,7 +30,7 @@ LOGGER = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class FrontierParams:
-    """Parameters of clusters, filters and scores of frontiers; defaults from section 3.3.1 of the report."""
+    """Parameters of frontier clusters, filters and scores; defaults from section 3.3.1 of the report."""
 
     cluster_tolerance: PositiveFloat = 0.5
     """Maximum distance between neighboring frontier cells in a cluster [m] (`eps` of DBSCAN)."""
@@ -51,7 +51,7 @@ class FrontierParams:
     min_goal_distance: NonNegativeFloat = 1.2
     """Minimum distance of a goal from the robot [m]."""
     goal_tolerance: NonNegativeFloat = 0.3
-    """Maximum distance of a viewpoint from the frontier [m]; tolerance of the planner in section 3.3.2 of the report."""
+    """Maximum distance of a viewpoint from the frontier [m]."""
     blacklist_radius: NonNegativeFloat = 1.2
     """Radius around failed goals in which frontiers are excluded [m]."""
     max_blacklist_size: PositiveInt = 25
@@ -79,7 +79,7 @@ class FrontierParams:
 
 
 class FrontierUtility:
-    """Rule that selects the frontier cluster with the highest information gain divided by distance."""
+    """Selects the frontier cluster with the highest information gain divided by distance."""
 
     def __init__(self, params: FrontierParams) -> None:
         self._params, self._steps = params, params.relaxed()
@@ -90,11 +90,9 @@ class FrontierUtility:
 
     def _clear(self) -> None:
         self.goal: tuple[float, float] | None = None
-        """Last chosen frontier (x, y), map frame [m]."""
         self.relaxation = 0
         """Number of relaxed filters at the last choice, 0 (none) to 5 (all)."""
         self.blacklist: list[tuple[float, float]] = []
-        """Frontiers of failed drives (x, y), map frame [m]."""
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
         if candidates.last_failed and self.goal is not None:
@@ -150,7 +148,7 @@ class FrontierUtility:
 
 
 class FrontierExplorer(RuleExplorer):
-    """Explorer that drives to the frontier cluster with the highest information gain divided by distance."""
+    """Drives to the frontier cluster with the highest information gain divided by distance."""
 
     rule: FrontierUtility
 
@@ -165,8 +163,8 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
     cm cells near a core cell.
 
     Returns:
-        Cell centers, shape (n, 2), float64, map frame [m]; index of each cell's candidate, and of its cluster (-1 for
-        noise), shape (n,), int64.
+        Cell centers, shape (n, 2), float64, map frame [m]; candidate and cluster of each cell, shape (n,), int64, -1
+        for noise.
     """
     from sklearn.cluster import DBSCAN  # slow import
 
@@ -179,9 +177,9 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
 
 
 def is_clear(grid: OccupancyGrid, points: np.ndarray, params: FrontierParams) -> np.ndarray:
-    """Return whether each point keeps `params.obstacle_clearance` from obstacles, shape (n,), bool.
+    """Return whether points keep `params.obstacle_clearance` from obstacles, shape (n,), bool.
 
-    `points`: positions inside the map, shape (n, 2), map frame [m].
+    `points`: shape (n, 2), inside the map, map frame [m].
     """
     reach = int(params.obstacle_clearance / grid.resolution + 1e-9)
     if reach == 0 or len(points) == 0:

@@ -1,5 +1,3 @@
-"""Planner of short tours that observe the explorable area, on the true map."""
-
 import math
 
 import numpy as np
@@ -9,7 +7,6 @@ from lidarnaut.baselines.oracle.cover_viewpoints import Viewpoints, pack_bits, u
 from lidarnaut.envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
-"""Maximum number of sample cells that represent the unobserved area."""
 STOP_COST = 0.1
 """Length added to tours per stop [m]; favors tours with fewer turns."""
 PASSED_SHARE = 0.5
@@ -19,7 +16,7 @@ MAX_MISSES = 2
 
 
 class CoverPlanner:
-    """Planner of a tour of viewpoints, updated from the position of the robot.
+    """Planner of a short tour of viewpoints that observe the explorable area.
 
     Cells that `MAX_MISSES` viewpoints failed to show are ignored, and replaced by other cells if possible.
     """
@@ -27,10 +24,6 @@ class CoverPlanner:
     def __init__(
         self, area: ExplorableArea, viewpoints: Viewpoints, reach: float, target: float, rng: np.random.Generator
     ) -> None:
-        """Create a planner without a tour.
-
-        `area`: area to observe. `viewpoints`: possible stops. `reach`: lidar range [m]. `target`: fraction to observe.
-        """
         self.area, self.viewpoints = area, viewpoints
         self._reach = reach / area.walls.resolution
         self._rng = rng
@@ -42,7 +35,7 @@ class CoverPlanner:
         self._samples = np.empty((0, 2), dtype=np.int64)
         self._sees = np.empty((len(viewpoints.cells), 0), dtype=np.uint64)
         self.stops: list[int] = []
-        """Indices of the next viewpoints on the tour, in order."""
+        """Indices of the next viewpoints, in order."""
 
     def leave_out(self, viewpoint: int) -> None:
         self._used[viewpoint] = True
@@ -50,9 +43,9 @@ class CoverPlanner:
         self.stops = [stop for stop in self.stops if stop != viewpoint]
 
     def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
-        """Remove a viewpoint that the robot has visited or passed, and count cells not observed from there.
+        """Remove a visited or passed viewpoint, and count the cells not observed from there.
 
-        `viewpoint`: index. `seen`: mask of observed cells, shape of the explorable area, bool.
+        `seen`: mask of observed cells, bool.
         """
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
@@ -62,10 +55,9 @@ class CoverPlanner:
         self.leave_out(viewpoint)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
-        """Update the tour from the robot's position; return True if the target fraction can be observed.
+        """Update the tour from (x, y), world frame [m]; return True if the target fraction can be observed.
 
-        `x`, `y`: position, world frame [m]. `seen`: mask of observed cells, shape of the explorable area, bool.
-        `num_rounds`: number of rounds of the tour search.
+        `seen`: mask of observed cells, shape of the explorable area, bool. `num_rounds`: rounds of the tour search.
         """
         paths = self.viewpoints.paths_from(x, y)
         if paths is None:

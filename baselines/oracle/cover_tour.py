@@ -12,13 +12,11 @@ from numba import njit
 from lidarnaut.baselines.frontier.open_tour import changed, is_shorter, tour_length
 
 MIN_SAVING = 1e-6
-"""Minimum length saved by a change of a tour [m]; smaller savings are rounding errors."""
+"""Minimum length saved by a change, above rounding errors [m]."""
 MAX_REMOVED = 8
-"""Maximum number of stops removed from a tour in one search round."""
 MAX_EXCESS_LENGTH = 0.01
 """Maximum excess length of an accepted tour, relative to the best tour. Decreases linearly to 0 during the search."""
 VALUE_NOISE = 0.4
-"""Maximum relative increase of a viewpoint's value by random noise."""
 DETOUR_OFFSET = 0.2
 """Length added to each detour [m], because gains are divided by detours."""
 
@@ -56,7 +54,7 @@ def count_bits(words):
 def add_views(cover, first, last, seen):
     """Set the bits of sample cells visible along a path in `seen`, shape (words,), uint64.
 
-    The path leads from viewpoint `first` (excluded) to `last` (included).
+    The path leads from viewpoint `first` to `last`; the view from `first` is left out.
     """
     viewpoint = last
     while viewpoint != first:
@@ -69,7 +67,7 @@ def add_views(cover, first, last, seen):
 def seen_on(cover, known, tour):
     """Return the sample cells observed after a tour, one bit per cell, shape (words,), uint64.
 
-    `known`: sample cells observed before the tour. `tour`: viewpoint indices, int64.
+    `known`: sample cells observed before.
     """
     seen = known.copy()
     for k in range(tour.size - 1):
@@ -81,7 +79,7 @@ def seen_on(cover, known, tour):
 def shorten(cover, known, target, tour):
     """Shorten a tour by 2-opt, or-opt and removal of stops while `target` sample cells remain observed.
 
-    `known`: bits of sample cells observed before the tour, shape (words,), uint64. `tour`: viewpoint indices, int64.
+    `known`: bits of cells observed before the tour, shape (words,), uint64.
     """
     tour, has_changed = tour.copy(), True
     while has_changed:
@@ -108,8 +106,8 @@ def shorten(cover, known, target, tour):
 def complete(cover, known, target, tour, noise, rng):
     """Insert stops with the best ratio of newly observed cells to detour, until `target` cells are observed.
 
-    `known`: bits of sample cells observed before the tour, shape (words,), uint64. `noise`: maximum relative increase
-    of a viewpoint's value by chance. Returns the tour (viewpoint indices), and whether `target` is reached.
+    `known`: bits of cells observed before the tour, shape (words,), uint64. `noise`: maximum relative increase of this
+    ratio by chance. Returns the tour, and whether `target` is reached.
     """
     while True:
         seen = seen_on(cover, known, tour)
@@ -152,12 +150,11 @@ def _ruin(cover, tour, rng):
 def search_tour(cover, known, target, tour, num_rounds, rng):
     """Search for a short tour that observes `target` sample cells, or as many as possible.
 
-    `known`: sample cells observed before the tour, one bit per cell, shape (words,), uint64. `tour`: initial tour,
-    viewpoint indices with the start first, shape (size,), int64. `num_rounds`: number of rounds that remove and
-    reinsert stops.
+    `known`: bits of cells observed before the tour, shape (words,), uint64. `tour`: viewpoint indices of the initial
+    tour, start first, shape (size,), int64. `num_rounds`: number of rounds that remove and reinsert stops.
 
     Returns:
-        Viewpoint indices of the tour, shape (m,), int64, and whether `target` is reached.
+        Viewpoint indices of the tour, shape (m,), int64; whether `target` is reached.
     """
     tour, enough = complete(cover, known, target, tour, 0.0, rng)
     if not enough:

@@ -15,13 +15,11 @@ from lidarnaut.envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, trav
 from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
 
 MAX_VIEWPOINTS = 900
-"""Approximate number of viewpoints; determines the distance between viewpoints."""
 MIN_SPACING = 0.3
 """Minimum distance between viewpoints [m]."""
 MAX_BLOCK = 4
 """Maximum side of a block, a square of map cells for path search [cells]."""
 NUM_NEIGHBORS = 12
-"""Number of nearest viewpoints that may precede a viewpoint on a path."""
 MAX_DETOUR_RATIO = 1.1
 """Maximum length of a path through an intermediate viewpoint, divided by the length of the shortest path."""
 
@@ -71,14 +69,13 @@ class Viewpoints:
 
     @property
     def points(self) -> np.ndarray:
-        """Positions of the viewpoints, shape (n, 2), frame of the map [m]."""
         return self.grid.centers(self.cells)
 
     def paths_from(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Return lengths and predecessors of the shortest paths from (x, y) [m] to all viewpoints.
 
-        Path lengths have shape (n,), float64 [m]. Predecessors are indices of the last viewpoint before each viewpoint,
-        n for none, shape (n,), int32. Returns None if no viewpoint is reachable.
+        Lengths: shape (n,), float64 [m]. Predecessors: index of the last viewpoint on each path, or n, shape (n,),
+        int32. None if no viewpoint is reachable.
         """
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:
@@ -109,10 +106,7 @@ def _path_lengths(
 
 
 def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints | None:
-    """Place viewpoints in the area that is reachable from `start` (x, y), frame of the map [m].
-
-    Returns None if no cell is reachable.
-    """
+    """Place viewpoints in the area reachable from `start` (x, y) [m]; return None if no cell is reachable."""
     field = travel_field(costmap, start)
     if field is None:
         return None

@@ -1,5 +1,3 @@
-"""Explorer that knows the true map and drives a short tour that observes the area."""
-
 import numpy as np
 
 from lidarnaut.baselines.frontier.rules import NearestExplorer
@@ -17,9 +15,7 @@ from lidarnaut.envs.tasks.coverage import Coverage
 DECISION_PERIOD = 1.0
 """Time between two updates of the tour [s]."""
 NUM_FIRST_ROUNDS = 300
-"""Number of rounds of the tour search for the first tour of an episode."""
 NUM_ROUNDS = 4
-"""Number of rounds of the tour search for each update of the tour."""
 LOOKAHEAD = 3.0
 """Distance along the tour to the goal of a path [m]. The next stop is the goal if nearer."""
 ARRIVAL_RADIUS = 0.15
@@ -34,10 +30,6 @@ class TrueMap:
     """True map, transformed to the map frame, which fills unknown cells of an estimated map."""
 
     def __init__(self, walls: OccupancyGrid, start: Pose2D) -> None:
-        """Store the true map.
-
-        `walls`: true occupancy grid, world frame. `start`: pose of the map frame in the world frame.
-        """
         self._walls, self._start = walls, start
         self._grid: OccupancyGrid | None = None
 
@@ -73,7 +65,7 @@ class TrueMap:
 
 
 class OracleExplorer:
-    """Explorer that knows the true map, plans a short tour that observes the area, and drives along the tour.
+    """Explorer that knows the true map and drives a short tour that observes the area.
 
     Paths are planned on the estimated map, with true values in unknown cells.
     """

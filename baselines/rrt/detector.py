@@ -16,9 +16,8 @@ from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.navigation.frontiers import information_gain
 
 MAX_ITERATIONS = 300
-"""Maximum number of mean-shift iterations, as in scikit-learn."""
 TOLERANCE = 1e-3
-"""Mean-shift step below which a point has converged, as a fraction of the bandwidth; as in scikit-learn."""
+"""Mean-shift step at convergence, as a fraction of the bandwidth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +31,13 @@ class RrtParams:
     eta_local: PositiveFloat = 1.0
     """Maximum step length of the local tree, which restarts at the robot [m]."""
     eta_global: PositiveFloat = 15.0
-    """Maximum step length of the global tree, which never restarts [m]; 1 m in the launch file for three robots."""
+    """Maximum step length of the global tree, which never restarts [m]."""
     bandwidth: PositiveFloat = 0.3
     """Kernel radius of the mean shift that merges frontier points [m]."""
     info_radius: PositiveFloat = 1.0
     """Radius around a frontier point in which unknown area counts as information gain [m]."""
     min_gain: PositiveFloat = 0.2
-    """Minimum unknown area within half of `info_radius` around a frontier point [m2]. Points with less are removed."""
+    """Minimum unknown area within half of `info_radius` around a frontier point [m2]; otherwise the point is removed."""
     max_cost: PositiveFloat = 70.0
     """Maximum cost of a frontier point, in ROS's scale: 99 for contact with an obstacle [percent]."""
     info_multiplier: PositiveFloat = 3.0
@@ -48,7 +47,7 @@ class RrtParams:
     hysteresis_gain: PositiveFloat = 2.0
     """Factor on information gain within `hysteresis_radius` of the robot, greater than 1."""
     num_samples: PositiveInt = 200
-    """Number of random samples per tree and control step. The program of Nguyen et al. takes 10 in 0.1 s."""
+    """Number of random samples per tree and control step."""
     spacing: PositiveFloat = 0.3
     """Minimum distance of a new vertex from the nearest vertex of a tree [m]."""
     margin: PositiveFloat = 1.0
@@ -118,14 +117,14 @@ class RrtDetector:
     def __init__(self, params: RrtParams, rng: np.random.Generator) -> None:
         self._params, self._rng = params, rng
         self.trees: list[Tree] = []
-        """Local tree of each robot, then the global tree; empty before the first detection."""
+        """Local tree of each robot, then the global tree."""
         self.points = np.empty((0, 2))
-        """Frontier points found by the trees and merged by mean shift, shape (n, 2), float64, map frame [m]."""
+        """Frontier points merged by mean shift, shape (n, 2), float64, map frame [m]."""
 
     def detect(self, grid: OccupancyGrid, robots: Sequence[tuple[float, float]]) -> None:
-        """Grow the trees for one control step, and update the merged frontier points.
+        """Grow the trees for one control step, and update the frontier points.
 
-        `grid`: estimated map. `robots`: positions (x, y), map frame [m].
+        `robots`: positions (x, y), map frame [m].
         """
         params = self._params
         if not self.trees:

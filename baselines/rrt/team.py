@@ -1,4 +1,4 @@
-"""Explorers with random trees, which find frontier points; revenues assign the points to robots.
+"""Explorers that assign the frontier points of random trees to robots.
 
 Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022), after Umari and Mukhopadhyay, "Autonomous Robotic Exploration
 Based on Multiple Rapidly-exploring Randomized Trees" (2017). Unlike in the program of 2022, samples come from the
@@ -37,9 +37,9 @@ def assign(
 ) -> np.ndarray:
     """Assign frontier points to robots by descending revenue (Nguyen et al. 2022, section 2.1.3).
 
-    The revenue of a point x_fp for a robot at x_r is R = lambda h(x_fp, x_r) I(x_fp) - N(x_fp): information gain
-    (unknown area) I minus path cost N. lambda is `info_multiplier`. h is `hysteresis_gain` within `hysteresis_radius`
-    and 1 beyond. Unknown cells near assigned points do not count again.
+    The revenue is R = lambda h(x_fp, x_r) I(x_fp) - N(x_fp), with unknown area I around point x_fp, path cost N, robot
+    position x_r, and lambda = `info_multiplier`. h is `hysteresis_gain` within `hysteresis_radius` and 1 beyond.
+    Unknown cells near assigned points do not count again.
 
     `robots`: positions, shape (n, 2). `points`: frontier points, shape (m, 2). `taken`: points of other robots, shape
     (k, 2), all map frame [m]. `costs`: path costs [m], shape (n, m), inf without a path.
@@ -67,7 +67,7 @@ def assign(
 
 
 class RrtTeam(TeamExplorer):
-    """Policy for a team of robots that drive to frontier points found by random trees."""
+    """Drives a team of robots to frontier points found by random trees."""
 
     def __init__(self, params: RrtParams = TEAM_PARAMS) -> None:
         super().__init__(period=math.inf)
@@ -117,10 +117,10 @@ class RrtTeam(TeamExplorer):
 
 
 def open_goals(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return positions, path costs and indices of the candidates (reachable frontiers) that may be assigned.
+    """Return positions, path costs and indices of assignable candidates (reachable frontiers).
 
-    The shapes are (k, 2), map frame [m]; (k,) [m]; (k,). Candidates with failed drives are returned only if no other
-    candidate exists.
+    Shapes are (k, 2), map frame [m]; (k,) [m]; (k,). Candidates with failed drives are assignable if no other candidate
+    exists.
     """
     indices = np.flatnonzero(candidates["failures"] == 0)
     if len(indices) == 0:
@@ -129,7 +129,7 @@ def open_goals(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 class RrtExplorer(RrtTeam):
-    """Policy for a single robot that drives to frontier points found by random trees."""
+    """Drives one robot to frontier points found by random trees."""
 
     is_team = False
 

@@ -1,7 +1,7 @@
 """Rapidly-exploring random trees that find frontiers.
 
-Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017). The cell of the first vertex of a step is not
-checked. Otherwise, a new obstacle on a vertex would block all samples around this vertex.
+Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017). The first cell of a step is not checked, because new
+obstacles on a vertex would block all samples around the vertex.
 """
 
 import math
@@ -14,7 +14,7 @@ from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 
 UNKNOWN_AHEAD, BLOCKED, CLEAR = -1, 0, 1
-"""Results of the check of cells on a line: unknown cell first, obstacle first, all free."""
+"""Results of `grid_check`: unknown cell first, obstacle first, or all cells free."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -53,13 +53,13 @@ def steer(x0, y0, x, y, eta):
 
 @njit(cache=True, error_model="numpy")
 def grid_check(data, u0, v0, u1, v1):
-    """Find the first unknown or occupied cell on a line, without the line's first cell.
+    """Find the first unknown or occupied cell on a line, except for the cell at the start.
 
-    `data`: occupancy, shape (height, width), int8; cells outside are unknown. `u0`, `v0`, `u1`, `v1`: ends of the line
-    as (column, row) [cells].
+    `data`: occupancy, shape (height, width), int8; cells outside are unknown. `u0`, `v0`, `u1`, `v1`: start and end
+    (column, row) [cells].
 
     Returns:
-        `UNKNOWN_AHEAD`, `BLOCKED` or `CLEAR`; then the center of the found cell or the end of the line (column, row).
+        `UNKNOWN_AHEAD`, `BLOCKED` or `CLEAR`; center of the found cell or end of the line (column, row).
     """
     height, width = data.shape
     walk = start_walk(u0, v0, u1, v1)
@@ -75,12 +75,11 @@ def grid_check(data, u0, v0, u1, v1):
 
 @njit(cache=True, error_model="numpy")
 def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
-    """Grow a random tree towards each sample in turn (algorithm 2.1 of Nguyen et al. 2022).
+    """Grow a random tree towards each sample in turn (algorithm 2.1); all lengths in cells.
 
-    All lengths are in cells, all positions (column, row). `data`: occupancy, int8. `samples`: shape (n, 2). `eta`:
-    maximum step. `spacing`: minimum distance between vertices. `resets`: whether the tree restarts at `robot` after
-    each frontier point. `vertices`: tree with `count` vertices, shape (2, capacity), float32; new vertices are
-    appended. `found`: output for frontier points, shape (n, 2), float64.
+    `samples`: (column, row), shape (n, 2). `eta`: maximum step. `spacing`: minimum distance between vertices. `resets`:
+    whether the tree restarts at `robot` after each frontier point. `vertices`: tree with `count` vertices, shape (2,
+    capacity), float32; new vertices are appended. `found`: output for frontier points, shape (n, 2), float64.
 
     Returns:
         Number of vertices, and number of frontier points.
@@ -104,14 +103,9 @@ def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
 
 
 class Tree:
-    """Random tree that grows through free space and finds frontier points, where steps enter unknown space."""
+    """Random tree that grows through free space. Steps into unknown space yield frontier points."""
 
     def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
-        """Create a tree with its root at (x, y), map frame [m].
-
-        `eta`: maximum step length [m]. `spacing`: minimum distance between vertices [m]. `resets`: whether the tree
-        restarts at the robot after each frontier point.
-        """
         self._eta, self._spacing, self._resets = eta, spacing, resets
         self.vertices = np.array([root], dtype=np.float64)
         """Positions of the tree's vertices, root first, shape (n, 2), float64, map frame [m]."""

@@ -1,4 +1,4 @@
-"""Methods that assign frontiers to the robots of a team."""
+"""Assignment of frontiers to robots."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,9 +16,8 @@ from lidarnaut.envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discou
 COVER_RADIUS = 2.0
 """Radius around a tour stop in which frontiers need no other stop [m]."""
 MAX_STOPS = 32
-"""Maximum number of stops on all tours. Stops with the lowest path costs are kept."""
 WORK_PER_AREA = 0.3
-"""Path length that is as costly as the exploration of unknown area at a stop, per area [m/m2]."""
+"""Path length equivalent to the exploration work at a stop, per unknown area [m/m2]."""
 STOP_HYSTERESIS = 6.0
 """Length subtracted from the path to a robot's current stop, against oscillation between stops [m]."""
 
@@ -27,10 +26,10 @@ class Assignment(Protocol):
     """Function that assigns candidates (reachable frontiers) to robots."""
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> Sequence[int]:
-        """Return the index of each robot's assigned candidate (reachable frontier), -1 for none.
+        """Return the index of each robot's candidate (reachable frontier), -1 for none.
 
-        `offers`: candidates of each robot. `taken`: frontiers of robots that are not in `offers`, shape (k, 2), map
-        frame [m]. `beliefs`: estimated pose and map of each robot.
+        `offers`: candidates of each robot. `taken`: frontiers of other robots, shape (k, 2), map frame [m]. `beliefs`:
+        estimated pose and map of each robot.
         """
 
 
@@ -43,11 +42,6 @@ class Auction:
     """
 
     def __init__(self, rule: FrontierRule | None = None, overlap: float = OVERLAP) -> None:
-        """Create an auction.
-
-        `rule`: function that scores frontiers. `overlap`: distance between frontiers below which their views overlap
-        [m].
-        """
         self._rule, self._overlap = rule or GainOverCost(), overlap
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> list[int]:
@@ -111,12 +105,12 @@ class MinMaxTours:
 
 
 def cover(table: np.ndarray) -> tuple[list[int], np.ndarray]:
-    """Select tour stops among frontiers, in the order of path cost, until each frontier is near a stop.
+    """Select tour stops, in the order of path cost, until each frontier is near a stop.
 
-    `table`: candidates (reachable frontiers) of all robots, shape (n,), structured dtype `CANDIDATE`.
+    `table`: candidates (reachable frontiers) of all robots, shape (n,), dtype `CANDIDATE`.
 
     Returns:
-        Candidate indices of the stops; index of each candidate's stop, shape (n,), int64, -1 for none.
+        Candidate indices of the stops; stop of each candidate, shape (n,), int64, -1 for none.
     """
     stops, stop_of = list[int](), np.full(len(table), -1)
     is_left = table["failures"] == table["failures"].min()

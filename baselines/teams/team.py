@@ -1,5 +1,3 @@
-"""Policy for exploration by a team of robots."""
-
 import math
 from collections.abc import Sequence
 
@@ -18,17 +16,16 @@ PERIOD = 1.0
 
 
 class TeamExplorer:
-    """Policy that assigns frontiers to one or several robots, and steers each robot along its path."""
+    """Assigns frontiers to one or several robots, and steers each robot along its path."""
 
     is_team = True
     plan = None
 
     def __init__(self, rule: Assignment | None = None, *, period: float = PERIOD) -> None:
-        """Create a team policy.
+        """Create a team with a rule that assigns frontiers to robots.
 
-        `rule`: function that assigns frontiers to robots. `period`: time between assignments of all robots [s]. All
-        robots are also assigned when one needs a frontier. With an infinite `period`, only robots that need a frontier
-        are assigned.
+        All robots are assigned every `period` [s], and when one needs a frontier. With an infinite `period`, only
+        robots that need a frontier are assigned.
         """
         self.rule, self.period = rule, period
         self._navigator: TeamNavigator | None = None
@@ -48,14 +45,9 @@ class TeamExplorer:
 
     @property
     def targets(self) -> list[tuple[float, float] | None]:
-        """Frontier that each robot drives to (x, y), map frame [m]; None without a frontier."""
         return [] if self._navigator is None else self._navigator.targets
 
     def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
-        """Return the velocity command of each robot.
-
-        `readings`: sensor data of each robot. `beliefs`: estimated pose of each robot, and the shared map.
-        """
         if not self._is_reset:
             raise RuntimeError("call reset before act")
         if self._navigator is None:
@@ -81,7 +73,7 @@ class TeamExplorer:
         return TeamRobot(self._robot, self._control_period, index)
 
     def _look(self, team: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> None:
-        """Update data that all robots share; subclasses override this method."""
+        """Update data that all robots share."""
 
     def _assign(self, due: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> Sequence[int]:
         assert self.rule is not None

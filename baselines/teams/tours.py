@@ -1,12 +1,11 @@
-"""Tours of several robots past all stops, without return to the start."""
+"""Tours of several robots past all stops, without return."""
 
 import numpy as np
 from numba import njit
 
 SUM_WEIGHT = 0.1
-"""Weight of the total length of all tours in the minimized cost, relative to the longest tour."""
+"""Weight of the total tour length, relative to the longest tour."""
 MAX_ROUNDS = 20
-"""Maximum number of improvement rounds. Each round reinserts every stop at its best position."""
 
 
 @njit(cache=True, error_model="numpy")
