@@ -83,7 +83,7 @@ CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values())
 def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
     """Return constructors of the classical policies that suit an environment's task, by name.
 
-    The environment must be reset. Task attributes decide: for example, every task with a `goal` gets `pursuit`.
+    The environment must be reset. Task attributes decide: every task with a `goal` gets `pursuit`.
     """
     inner: Any = getattr(env.unwrapped, "explore", env.unwrapped)
     if isinstance(env.action_space, spaces.Discrete):

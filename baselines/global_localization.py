@@ -1,7 +1,7 @@
 """Map, localize globally, navigate: `python -m lidarnaut.baselines.global_localization --world turtlebot3_world`.
 
 Experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022): a robot maps an unknown world, localizes
-globally on this map by a particle filter, and drives to goals. A GIF shows the particles.
+globally on this map by a particle filter, and drives to goals.
 """
 
 from dataclasses import replace
@@ -28,9 +28,9 @@ AMCL = replace(load_preset("default"), lost_fit=0.7)
 """AMCL parameters for maps made by SLAM, which match scans less precisely."""
 PICTURE_SIZE = (1280, 720)
 FRAME_TIMES = {True: 0.1, False: 1.0}
-"""Simulated time between animation frames [s], while the robot is lost (True) and localized (False)."""
+"""Simulated time between animation frames [s], for a lost (True) or localized (False) robot."""
 FRAME_MS = {True: 400, False: 80}
-"""Display time of an animation frame [ms], while the robot is lost (True) and localized (False)."""
+"""Display time of an animation frame [ms], for a lost (True) or localized (False) robot."""
 TIME_PER_GOAL = 600.0
 """Simulated time allowed per goal [s], at most half of it for localization."""
 MAX_FRAMES = 240

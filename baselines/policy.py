@@ -68,13 +68,12 @@ class PrivilegedPolicy(Protocol):
 
 
 GROUND_TRUTH = " (ground truth)"
-"""Suffix of the names of policies that use ground truth."""
 
 
 def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -> str:
     """Return the name of a policy, with the suffix " (ground truth)" if the policy uses ground truth.
 
-    This includes policies that act on observations of `env`, if observations contain ground truth.
+    If `env` is given, ground truth in observations counts as use.
     """
     uses_it = isinstance(policy, PrivilegedPolicy) or getattr(policy, "uses_ground_truth", False)
     if env is not None and not hasattr(policy, "act") and env.has_wrapper_attr("uses_ground_truth"):
@@ -85,8 +84,7 @@ def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -
 class OnePerRobot:
     """Drives each robot of a team by a separate copy of an explorer.
 
-    Team policies have `is_team` (True) and `plans` (path of each robot). Their method `act` takes and returns lists
-    with an item per robot.
+    Team policies have `is_team` (True), `plans` (path of each robot), and an `act` with lists of an item per robot.
     """
 
     is_team = True

@@ -15,7 +15,6 @@ from lidarnaut.envs.tasks.route import Route
 CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Arc curvatures tried by the wall follower, right to left, for a robot radius of 0.1 m [1/m]."""
 REFERENCE_RADIUS = 0.1
-"""Robot radius for which `CURVATURES` apply unchanged [m]."""
 WALL_MARGIN = 0.12
 """Preferred gap between footprint and wall [m]."""
 MIN_WALL_MARGIN = 0.02

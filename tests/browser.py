@@ -20,7 +20,7 @@ needs_browser = pytest.mark.skipif(BROWSER is None, reason=f"needs a browser: {'
 
 
 class Handler(http.server.SimpleHTTPRequestHandler):
-    """Serves a folder and, as part of it, a harness from elsewhere; puts what is posted into a queue."""
+    """HTTP server of a folder and of a harness page from another folder. Puts posted JSON into a queue."""
 
     def __init__(self, *arguments, harness, answers, **keywords):
         self._harness, self._answers = harness, answers
@@ -40,7 +40,7 @@ class Handler(http.server.SimpleHTTPRequestHandler):
 
 
 def visit(folder: Path, harness: Path, query: str, timeout: float = 120.0) -> dict[str, Any]:
-    """Open a harness, which sees a folder's pages, and return what it posts, and the browser's processor time [s]."""
+    """Open a harness page of a folder; return the posted JSON and the processor time of the browser [s]."""
     answers: queue.Queue[dict[str, Any]] = queue.Queue()
     handler = functools.partial(Handler, directory=folder, harness=harness, answers=answers)
     with (

@@ -33,7 +33,7 @@ def square_room(size, segments=(), circles=(), people=()):
 
 
 def hall(width=8.0, height=4.0, segments=()):
-    """A room with its lower left corner at the origin, in which a robot starts near there."""
+    """Return a room with its lower left corner at the origin, and a start pose near this corner."""
     return make_room(0.0, 0.0, width, height, segments, spawn=Pose2D(0.4, 0.4, 0.0))
 
 

@@ -4,7 +4,6 @@ import numpy as np
 from numba import njit
 
 MIN_SAVING = 1e-9
-"""Minimum length saved by a change, above rounding errors [m]."""
 
 
 @njit(cache=True, error_model="numpy")

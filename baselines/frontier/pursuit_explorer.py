@@ -13,7 +13,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 TURN = 1.2
-"""Yaw rate per angle to the path, as a fraction of the maximum yaw rate [1/rad]."""
+"""Yaw rate per heading error, as a fraction of the maximum yaw rate [1/rad]."""
 
 
 class PursuitDriving(RuleExplorer):
@@ -34,7 +34,7 @@ class PursuitDriving(RuleExplorer):
 
 
 class PursuitExplorer(PursuitDriving):
-    """Pursuit explorer that chooses frontiers by unknown area divided by path cost, every second."""
+    """Chooses frontiers by unknown area divided by path cost, and does not slow down in bends."""
 
     def __init__(self) -> None:
         super().__init__(GainOverCost(), max_time=1.0)

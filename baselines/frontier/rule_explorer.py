@@ -41,8 +41,8 @@ class RuleExplorer:
     ) -> None:
         """Create an explorer with a rule that scores frontiers.
 
-        `max_time`: maximum drive time before the next choice [s]. `max_candidates`: maximum number of frontiers to
-        score, lowest path cost first. `planning`, `params`: parameters of planning and driving.
+        `max_time`: maximum drive time before the next choice of a frontier [s]. `max_candidates`: maximum number of
+        frontiers to score, lowest path cost first. `planning`, `params`: parameters of planning and driving.
         """
         self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
         self.planning, self.params = planning, params

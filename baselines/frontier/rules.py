@@ -12,7 +12,7 @@ from lidarnaut.envs.navigation import Candidates, GainOverCost, PlanningParams, 
 from lidarnaut.envs.robots import RobotParams
 
 CELL = 0.05
-"""Cell side for frontier sizes that publications give in cells [m]."""
+"""Cell side that converts published frontier sizes (in cells) to lengths [m]."""
 MIN_LENGTHS = (8 * CELL, 3 * CELL)
 """Minimum frontier lengths [m], tried in order until a frontier is reachable."""
 
@@ -90,7 +90,7 @@ class NextBestViewParams:
     num_samples: PositiveInt = 40
     """Maximum number of viewpoints to score, sampled at random."""
     discount: NonNegativeFloat = 0.15
-    """Exponential decay rate of the gain with path length [1/m]; lambda in the paper, 0.5 there."""
+    """Exponential discount rate of unknown area in view with path length [1/m]; lambda in the paper, 0.5 there."""
     max_time: PositiveFloat = 4.0
     """Maximum drive time before the next choice of a viewpoint [s]; infinite in the paper."""
 

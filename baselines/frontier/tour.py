@@ -21,7 +21,7 @@ from lidarnaut.envs.robots import RobotParams
 UNREACHABLE_LENGTH = 1e4
 """Path length assumed between stops without a connecting path [m]."""
 SEARCH_MARGIN = 10.0
-"""Margin of the path search around the bounding box of all stops [m]."""
+"""Margin of the path search around all stops [m]."""
 VIEWPOINT_SPACING = 1.0
 """Maximum length of frontiers [m]. Longer frontiers are split."""
 MAX_CANDIDATES = 64
@@ -34,13 +34,13 @@ class TourParams:
     """Parameters of tours past all frontiers."""
 
     cover: NonNegativeFloat = 0.4
-    """Radius around a tour stop in which frontiers need no other stop, as a fraction of the lidar range."""
+    """Radius around a tour stop within which frontiers need no other stop, as a fraction of the lidar range."""
     max_cover: NonNegativeFloat = 3.0
-    """Maximum radius around a tour stop in which frontiers need no other stop [m]."""
+    """Maximum radius around a tour stop within which frontiers need no other stop [m]."""
     max_stops: PositiveInt = 16
     """Maximum number of stops of a tour, lowest path cost first."""
     hysteresis: NonNegativeFloat = 1.0
-    """Minimum saving of tour length for which the robot leaves its current frontier [m]."""
+    """Minimum tour length saved by leaving the current frontier [m]."""
 
 
 class Tour:

@@ -1,8 +1,8 @@
 """Frontier explorer of the report "Hệ thống AGV tự động khám phá map cho smart warehouse", 2024.
 
 Clusters of frontier cells near obstacles, the robot or failed goals are discarded. The rest is ranked by information
-gain divided by distance. Unlike in the report, the explored share refers to the bounding box of the observed area, and
-filters are relaxed if no cluster passes.
+gain divided by distance. Unlike in the report, the explored share refers to the observed bounding box, and filters are
+relaxed if no cluster passes.
 """
 
 import logging
@@ -45,7 +45,7 @@ class FrontierParams:
     obstacle_above: Annotated[int, Field(ge=0, lt=100)] = 50
     """Occupancy above which a cell is an obstacle for `obstacle_clearance` [percent]."""
     information_gain_radius: PositiveFloat = 2.0
-    """Radius around the centroid of a frontier cluster in which unknown area is counted [m]."""
+    """Radius around the centroid of a frontier cluster for counting unknown area [m]."""
     scale_radius_with_map: bool = True
     """Whether to multiply `information_gain_radius` by the map diagonal divided by 20 m, at most by 2."""
     min_goal_distance: NonNegativeFloat = 1.2
@@ -53,7 +53,7 @@ class FrontierParams:
     goal_tolerance: NonNegativeFloat = 0.3
     """Maximum distance of a viewpoint from the frontier [m]."""
     blacklist_radius: NonNegativeFloat = 1.2
-    """Radius around failed goals in which frontiers are excluded [m]."""
+    """Radius around failed goals within which frontiers are excluded [m]."""
     max_blacklist_size: PositiveInt = 25
     """Maximum number of failed goals to remember."""
 
@@ -67,7 +67,7 @@ class FrontierParams:
         return self.information_gain_radius * (min(2.0, diagonal / 20.0) if self.scale_radius_with_map else 1.0)
 
     def relaxed(self) -> list["FrontierParams"]:
-        """Return parameters with increasingly relaxed filters; the first are unchanged."""
+        """Return parameters with increasingly relaxed filters, the unchanged ones first."""
         steps: tuple[dict[str, Any], ...] = (
             {"min_frontier_size": self.min_frontier_size_final},
             {"obstacle_clearance": 0.0},
@@ -91,7 +91,6 @@ class FrontierUtility:
     def _clear(self) -> None:
         self.goal: tuple[float, float] | None = None
         self.relaxation = 0
-        """Number of relaxed filters at the last choice, 0 (none) to 5 (all)."""
         self.blacklist: list[tuple[float, float]] = []
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:

@@ -8,11 +8,10 @@ from lidarnaut.envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
 STOP_COST = 0.1
-"""Length added to tours per stop [m]; favors tours with fewer turns."""
+"""Length added to tours per stop [m]."""
 PASSED_SHARE = 0.5
-"""Radius around a passed viewpoint in which unobserved cells count as missed, as a fraction of the lidar range."""
+"""Radius around a passed viewpoint within which unobserved cells count as missed, as a fraction of the lidar range."""
 MAX_MISSES = 2
-"""Number of viewpoints that fail to show a cell before the planner ignores the cell."""
 
 
 class CoverPlanner:
@@ -35,7 +34,6 @@ class CoverPlanner:
         self._samples = np.empty((0, 2), dtype=np.int64)
         self._sees = np.empty((len(viewpoints.cells), 0), dtype=np.uint64)
         self.stops: list[int] = []
-        """Indices of the next viewpoints, in order."""
 
     def leave_out(self, viewpoint: int) -> None:
         self._used[viewpoint] = True
@@ -43,10 +41,7 @@ class CoverPlanner:
         self.stops = [stop for stop in self.stops if stop != viewpoint]
 
     def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
-        """Remove a visited or passed viewpoint, and count the cells not observed from there.
-
-        `seen`: mask of observed cells, bool.
-        """
+        """Remove a visited or passed viewpoint, and count the cells not observed from there."""
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
         if viewpoint not in self.stops[:1]:

@@ -12,24 +12,22 @@ from numba import njit
 from lidarnaut.baselines.frontier.open_tour import changed, is_shorter, tour_length
 
 MIN_SAVING = 1e-6
-"""Minimum length saved by a change, above rounding errors [m]."""
 MAX_REMOVED = 8
 MAX_EXCESS_LENGTH = 0.01
 """Maximum excess length of an accepted tour, relative to the best tour. Decreases linearly to 0 during the search."""
 VALUE_NOISE = 0.4
 DETOUR_OFFSET = 0.2
-"""Length added to each detour [m], because gains are divided by detours."""
 
 
 class Cover(NamedTuple):
-    """Path lengths between n viewpoints, and visibility of sample cells as bits of 64-bit words."""
+    """Path lengths between n viewpoints, and visibility of cells as bits of 64-bit words."""
 
     lengths: np.ndarray
     """Path lengths between viewpoints [m], shape (n, n), float64, finite, symmetric."""
     predecessors: np.ndarray
     """Index of the last viewpoint before viewpoint j on the path from i, at [i, j]; shape (n, n), int32."""
     sees: np.ndarray
-    """Sample cells visible from each viewpoint, one bit per cell, shape (n, words), uint64."""
+    """Cells visible from each viewpoint, one bit per cell, shape (n, words), uint64."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -43,7 +41,7 @@ def ones(word):
 
 @njit(cache=True, error_model="numpy")
 def count_bits(words):
-    """Return the number of set bits of words, shape (n,), uint64."""
+    """Return the number of set bits of 64-bit words, shape (n,), uint64."""
     total = 0
     for word in words:
         total += ones(word)
@@ -52,7 +50,7 @@ def count_bits(words):
 
 @njit(cache=True, error_model="numpy")
 def add_views(cover, first, last, seen):
-    """Set the bits of sample cells visible along a path in `seen`, shape (words,), uint64.
+    """Set the bits of cells visible along a path: `seen`, shape (words,), uint64.
 
     The path leads from viewpoint `first` to `last`; the view from `first` is left out.
     """
@@ -65,9 +63,9 @@ def add_views(cover, first, last, seen):
 
 @njit(cache=True, error_model="numpy")
 def seen_on(cover, known, tour):
-    """Return the sample cells observed after a tour, one bit per cell, shape (words,), uint64.
+    """Return the cells observed after a tour, one bit per cell, shape (words,), uint64.
 
-    `known`: sample cells observed before.
+    `known`: cells observed before.
     """
     seen = known.copy()
     for k in range(tour.size - 1):
@@ -77,7 +75,7 @@ def seen_on(cover, known, tour):
 
 @njit(cache=True, error_model="numpy")
 def shorten(cover, known, target, tour):
-    """Shorten a tour by 2-opt, or-opt and removal of stops while `target` sample cells remain observed.
+    """Shorten a tour by 2-opt, or-opt and removal of stops while `target` cells remain observed.
 
     `known`: bits of cells observed before the tour, shape (words,), uint64.
     """
@@ -148,7 +146,7 @@ def _ruin(cover, tour, rng):
 
 @njit(cache=True, error_model="numpy")
 def search_tour(cover, known, target, tour, num_rounds, rng):
-    """Search for a short tour that observes `target` sample cells, or as many as possible.
+    """Search for a short tour that observes `target` cells, or as many as possible.
 
     `known`: bits of cells observed before the tour, shape (words,), uint64. `tour`: viewpoint indices of the initial
     tour, start first, shape (size,), int64. `num_rounds`: number of rounds that remove and reinsert stops.

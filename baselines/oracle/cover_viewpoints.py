@@ -1,5 +1,3 @@
-"""Viewpoints on a known map, and paths between viewpoints."""
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,7 +16,6 @@ MAX_VIEWPOINTS = 900
 MIN_SPACING = 0.3
 """Minimum distance between viewpoints [m]."""
 MAX_BLOCK = 4
-"""Maximum side of a block, a square of map cells for path search [cells]."""
 NUM_NEIGHBORS = 12
 MAX_DETOUR_RATIO = 1.1
 """Maximum length of a path through an intermediate viewpoint, divided by the length of the shortest path."""
@@ -63,9 +60,9 @@ class Viewpoints:
     predecessors: np.ndarray
     """Index of the last viewpoint before viewpoint j on the path from i, at [i, j]; shape (n, n), int32."""
     block_costs: np.ndarray
-    """Traversal costs of blocks (squares of map cells), shape (block rows, block columns), uint8."""
+    """Traversal costs of blocks of map cells, shape (block rows, block columns), uint8."""
     side: int
-    """Side of a block, a square of map cells for path search [cells]."""
+    """Side of a square block of map cells [cells]."""
 
     @property
     def points(self) -> np.ndarray:
@@ -74,8 +71,8 @@ class Viewpoints:
     def paths_from(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Return lengths and predecessors of the shortest paths from (x, y) [m] to all viewpoints.
 
-        Lengths: shape (n,), float64 [m]. Predecessors: index of the last viewpoint on each path, or n, shape (n,),
-        int32. None if no viewpoint is reachable.
+        Lengths: shape (n,), float64 [m]. Predecessors: index of the last viewpoint before the end of each path, or n
+        for the start, shape (n,), int32. Returns None if no viewpoint is reachable.
         """
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:
@@ -160,10 +157,10 @@ def _views(free, cells, reach, sample_of, num_words):
 
 
 def views_from(free: np.ndarray, cells: np.ndarray, reach: float, samples: np.ndarray) -> np.ndarray:
-    """Return the sample cells visible from viewpoints with a 360 degree lidar.
+    """Return the cells visible from viewpoints with a 360 degree lidar.
 
-    `free`: mask of free cells, shape (height, width), bool. `cells`, `samples`: viewpoints and sample cells (row,
-    column), shapes (n, 2) and (s, 2), int64. `reach`: lidar range [cells].
+    `free`: mask of free cells, shape (height, width), bool. `cells`: viewpoints, shape (n, 2), `samples`: cells to
+    observe, shape (s, 2), both (row, column), int64. `reach`: lidar range [cells].
 
     Returns:
         Visibility, shape (n, ceil(s / 64)), uint64: bit i % 64 of word i // 64 for sample i.

@@ -17,7 +17,7 @@ DECISION_PERIOD = 1.0
 NUM_FIRST_ROUNDS = 300
 NUM_ROUNDS = 4
 LOOKAHEAD = 3.0
-"""Distance along the tour to the goal of a path [m]. The next stop is the goal if nearer."""
+"""Distance ahead on the tour to the goal of path planning [m]. A nearer stop is the goal instead."""
 ARRIVAL_RADIUS = 0.15
 """Distance from a tour stop within which the stop counts as visited [m]."""
 REACH_MARGIN = 0.1
@@ -34,7 +34,6 @@ class TrueMap:
         self._grid: OccupancyGrid | None = None
 
     def complete(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return an estimated map with the true values of unknown cells, in the extent of the true map."""
         truth = self._aligned(grid)
         shift = np.rint((np.array(grid.origin) - truth.origin)[::-1] / truth.resolution).astype(int)
         low = np.maximum(shift, 0)

@@ -24,8 +24,8 @@ TOLERANCE = 1e-3
 class RrtParams:
     """Parameters of exploration by random trees.
 
-    Defaults are from the launch file of Nguyen et al. (2022). `bandwidth` and `min_gain` are from their program.
-    `num_samples`, `spacing`, `margin` and `patience` were chosen for Lidarnaut.
+    Defaults are from the launch file of Nguyen et al. (2022), except for `bandwidth` and `min_gain` (their program),
+    `num_samples`, `spacing`, `margin` and `patience`.
     """
 
     eta_local: PositiveFloat = 1.0
@@ -35,15 +35,15 @@ class RrtParams:
     bandwidth: PositiveFloat = 0.3
     """Kernel radius of the mean shift that merges frontier points [m]."""
     info_radius: PositiveFloat = 1.0
-    """Radius around a frontier point in which unknown area counts as information gain [m]."""
+    """Radius of the information gain (unknown area) around a frontier point [m]."""
     min_gain: PositiveFloat = 0.2
-    """Minimum unknown area within half of `info_radius` around a frontier point [m2]; otherwise the point is removed."""
+    """Minimum unknown area around a valid frontier point, within half of `info_radius` [m2]."""
     max_cost: PositiveFloat = 70.0
     """Maximum cost of a frontier point, in ROS's scale: 99 for contact with an obstacle [percent]."""
     info_multiplier: PositiveFloat = 3.0
     """Weight of information gain (unknown area) relative to path length, lambda [1/m]."""
     hysteresis_radius: PositiveFloat = 3.0
-    """Radius around the robot in which information gain is multiplied by `hysteresis_gain` [m]."""
+    """Radius around the robot within which information gain is multiplied by `hysteresis_gain` [m]."""
     hysteresis_gain: PositiveFloat = 2.0
     """Factor on information gain within `hysteresis_radius` of the robot, greater than 1."""
     num_samples: PositiveInt = 200
@@ -112,7 +112,7 @@ def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
 
 
 class RrtDetector:
-    """Frontier detector with a local random tree per robot and a global random tree."""
+    """Frontier detector with a local random tree per robot and a global tree."""
 
     def __init__(self, params: RrtParams, rng: np.random.Generator) -> None:
         self._params, self._rng = params, rng

@@ -117,10 +117,10 @@ class RrtTeam(TeamExplorer):
 
 
 def open_goals(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return positions, path costs and indices of assignable candidates (reachable frontiers).
+    """Return position, path cost and index of each candidate (reachable frontier) without failed drives.
 
-    Shapes are (k, 2), map frame [m]; (k,) [m]; (k,). Candidates with failed drives are assignable if no other candidate
-    exists.
+    Positions: shape (k, 2), map frame [m]. Path costs: shape (k,) [m]. Indices: shape (k,). If all candidates have
+    failed drives, all are returned.
     """
     indices = np.flatnonzero(candidates["failures"] == 0)
     if len(indices) == 0:

@@ -1,7 +1,7 @@
 """Rapidly-exploring random trees that find frontiers.
 
-Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017). The first cell of a step is not checked, because new
-obstacles on a vertex would block all samples around the vertex.
+Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017). Obstacles in the first cell of a step are ignored,
+because a new obstacle on a vertex would block all samples around the vertex.
 """
 
 import math
@@ -14,14 +14,14 @@ from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 
 UNKNOWN_AHEAD, BLOCKED, CLEAR = -1, 0, 1
-"""Results of `grid_check`: unknown cell first, obstacle first, or all cells free."""
+"""Results of the check of a line: unknown cell first, obstacle first, or all cells free."""
 
 
 @njit(cache=True, error_model="numpy")
 def nearest(vertices, count, x, y):
     """Return the index of the tree vertex nearest to the point (x, y).
 
-    `vertices`: coordinates, shape (2, capacity), float32. Only the first `count` > 0 columns are used.
+    `vertices`: coordinates, shape (2, capacity), float32 [cells]. Only the first `count` > 0 columns are used.
     """
     xs, ys = vertices[0, :count], vertices[1, :count]
     best, index = np.float32(np.inf), 0
@@ -55,8 +55,8 @@ def steer(x0, y0, x, y, eta):
 def grid_check(data, u0, v0, u1, v1):
     """Find the first unknown or occupied cell on a line, except for the cell at the start.
 
-    `data`: occupancy, shape (height, width), int8; cells outside are unknown. `u0`, `v0`, `u1`, `v1`: start and end
-    (column, row) [cells].
+    `data`: occupancy [percent], -1 if unknown, shape (height, width), int8. `u0`, `v0`, `u1`, `v1`: start and end
+    (column, row) [cells]. Cells outside the map are unknown.
 
     Returns:
         `UNKNOWN_AHEAD`, `BLOCKED` or `CLEAR`; center of the found cell or end of the line (column, row).
@@ -75,11 +75,12 @@ def grid_check(data, u0, v0, u1, v1):
 
 @njit(cache=True, error_model="numpy")
 def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
-    """Grow a random tree towards each sample in turn (algorithm 2.1); all lengths in cells.
+    """Grow a random tree towards each sample in turn (Nguyen et al. 2022, algorithm 2.1).
 
-    `samples`: (column, row), shape (n, 2). `eta`: maximum step. `spacing`: minimum distance between vertices. `resets`:
-    whether the tree restarts at `robot` after each frontier point. `vertices`: tree with `count` vertices, shape (2,
-    capacity), float32; new vertices are appended. `found`: output for frontier points, shape (n, 2), float64.
+    All lengths are in cells. `samples`: (column, row), shape (n, 2). `eta`: maximum step. `spacing`: minimum distance
+    between vertices. `resets`: whether the tree restarts at `robot` after each frontier point. `vertices`: tree with
+    `count` vertices, shape (2, capacity), float32; new vertices are appended. `found`: output for frontier points,
+    shape (n, 2), float64.
 
     Returns:
         Number of vertices, and number of frontier points.

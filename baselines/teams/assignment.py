@@ -14,7 +14,7 @@ from lidarnaut.envs.navigation import Candidates, GainOverCost
 from lidarnaut.envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
 
 COVER_RADIUS = 2.0
-"""Radius around a tour stop in which frontiers need no other stop [m]."""
+"""Radius around a tour stop within which frontiers need no other stop [m]."""
 MAX_STOPS = 32
 WORK_PER_AREA = 0.3
 """Path length equivalent to the exploration work at a stop, per unknown area [m/m2]."""

@@ -1,4 +1,4 @@
-"""Tours of several robots past all stops, without return."""
+"""Open tours (without return) of several robots past all stops."""
 
 import numpy as np
 from numba import njit
