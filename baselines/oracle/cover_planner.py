@@ -8,7 +8,7 @@ from lidarnaut.envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
 STOP_COST = 0.1
-"""Length added to tours per stop [m]."""
+"""Length added to a tour for each stop [m]."""
 PASSED_SHARE = 0.5
 """Radius around a passed viewpoint within which unobserved cells count as missed, as a fraction of the lidar range."""
 MAX_MISSES = 2

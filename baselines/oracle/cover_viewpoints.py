@@ -103,7 +103,7 @@ def _path_lengths(
 
 
 def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints | None:
-    """Place viewpoints in the area reachable from `start` (x, y) [m]; return None if no cell is reachable."""
+    """Place viewpoints in the area reachable from `start` (x, y), world frame [m]; None if no cell is reachable."""
     field = travel_field(costmap, start)
     if field is None:
         return None

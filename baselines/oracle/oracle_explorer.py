@@ -17,7 +17,7 @@ DECISION_PERIOD = 1.0
 NUM_FIRST_ROUNDS = 300
 NUM_ROUNDS = 4
 LOOKAHEAD = 3.0
-"""Distance ahead on the tour to the goal of path planning [m]. A nearer stop is the goal instead."""
+"""Distance ahead on the tour to the goal of the next path, limited by the next stop [m]."""
 ARRIVAL_RADIUS = 0.15
 """Distance from a tour stop within which the stop counts as visited [m]."""
 REACH_MARGIN = 0.1

@@ -14,7 +14,7 @@ from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 
 UNKNOWN_AHEAD, BLOCKED, CLEAR = -1, 0, 1
-"""Results of the check of a line: unknown cell first, obstacle first, or all cells free."""
+"""Results of checking cells along a line: unknown first, obstacle first, or all free."""
 
 
 @njit(cache=True, error_model="numpy")
