@@ -62,7 +62,7 @@ DRIVES = {
     "dwb": replace(_PATIENT, local_planner="dwb", track_people=True),
     "mppi": replace(_PATIENT, local_planner="mppi", track_people=True),
 }
-"""Navigation parameters by policy name, with many recovery behaviors because people block paths temporarily."""
+"""Navigation parameters by policy name, with many recovery behaviors because people may block paths."""
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
     "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},

@@ -81,13 +81,14 @@ def run(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """Measures of one episode. Times are simulated, distances are true.
+    """Performance measures of one episode. Times are simulated, distances are true.
 
-    A measure is infinite if its threshold was never reached. Statistics use `time_limit` or `distance_limit` instead.
+    A measure is infinite if its threshold was never reached. Statistics replace infinity by `time_limit` or
+    `distance_limit`.
     """
 
     values: Mapping[str, float]
-    """Measures by name, such as `time_to_95`; also attributes of the episode."""
+    """Performance measures by name, such as `time_to_95`. Each is also an attribute of this object."""
     history: EpisodeHistory
     """Numeric entries of `info` at the reset and after every step."""
     decision_times: np.ndarray
@@ -107,7 +108,7 @@ class Episode:
 
     @property
     def decision_ms(self) -> float:
-        """Mean processor time of an action [ms]."""
+        """Mean processor time per action [ms]."""
         return 1000.0 * float(np.mean(self.decision_times))
 
     def __getattr__(self, name: str) -> float:

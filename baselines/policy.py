@@ -73,7 +73,7 @@ GROUND_TRUTH = " (ground truth)"
 def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -> str:
     """Return the name of a policy, with the suffix " (ground truth)" if the policy uses ground truth.
 
-    If `env` is given, ground truth in observations counts as use.
+    Ground truth in the observations of `env` also counts.
     """
     uses_it = isinstance(policy, PrivilegedPolicy) or getattr(policy, "uses_ground_truth", False)
     if env is not None and not hasattr(policy, "act") and env.has_wrapper_attr("uses_ground_truth"):
@@ -84,7 +84,8 @@ def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -
 class OnePerRobot:
     """Drives each robot of a team by a separate copy of an explorer.
 
-    Team policies have `is_team` (True), `plans` (path of each robot), and an `act` with lists of an item per robot.
+    As in all team policies, `is_team` is True, `plans` holds the path of each robot, and arguments and result of `act`
+    are lists with one item per robot.
     """
 
     is_team = True

@@ -13,14 +13,14 @@ from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.route import Route
 
 CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
-"""Arc curvatures tried by the wall follower, right to left, for a robot radius of 0.1 m [1/m]."""
+"""Curvatures of the arcs tried by the wall follower, right to left [1/m]. Scaled down for robot radii above 0.1 m."""
 REFERENCE_RADIUS = 0.1
 WALL_MARGIN = 0.12
 """Preferred gap between footprint and wall [m]."""
 MIN_WALL_MARGIN = 0.02
 """Minimum gap between footprint and wall, in narrow passages [m]."""
 ARC_LENGTH = 0.8
-"""Collision-free length required of an arc, in addition to the robot's radius [m]."""
+"""Arcs of the wall follower must be free for this length plus the robot's radius [m]."""
 SPEED = 0.8
 """Speed of the wall follower, as a fraction of the maximum speed."""
 TURN_RATE = 1.0

@@ -1,4 +1,4 @@
-"""Path following without slowing down in bends."""
+"""Frontier exploration that follows paths without slowing down in bends."""
 
 import math
 
@@ -43,9 +43,9 @@ class PursuitExplorer(PursuitDriving):
 def pursue(
     frontiers: FrontierNavigator, robot: RobotParams, pose: Pose2D, twist: Twist, obstacles: np.ndarray
 ) -> Twist:
-    """Return the velocity command towards a near point on the path, or `twist` if the arc is blocked.
+    """Return a velocity command towards a near point on the path, or `twist` if an obstacle blocks the way.
 
-    `frontiers`: navigator with the path. `obstacles`: shape (n, 2), float64, base frame [m].
+    `frontiers`: navigator that planned the path. `obstacles`: shape (n, 2), float64, base frame [m].
     """
     navigator = frontiers.navigator
     if navigator.is_recovering or navigator.plan is None:

@@ -10,7 +10,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 COMMITTED = math.inf
-"""Unlimited drive time [s]: a frontier is kept until the drive ends."""
+"""Value of `max_time` that keeps a frontier until the drive ends [s]."""
 
 
 class FrontierRule(Protocol):

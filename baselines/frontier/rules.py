@@ -59,9 +59,9 @@ class ExploreLite:
     """
 
     potential_scale: NonNegativeFloat = 3.0
-    """Cost per metre of distance to a frontier [1/m]."""
+    """Cost of a frontier per metre of distance [1/m]."""
     gain_scale: NonNegativeFloat = 0.3
-    """Cost reduction per frontier cell of 5 cm; 1 in the launch file."""
+    """Cost reduction per frontier cell of 5 cm; 1 in explore_lite."""
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
         x, y, _ = belief.pose

@@ -1,7 +1,7 @@
 """Explorer that plans a short tour past all frontiers.
 
 After Cao, Zhu, Choset, Zhang, "TARE: A Hierarchical Framework for Efficiently Exploring Complex 3D Environments", 2021,
-with a single level of tours.
+but without separate local and global tours.
 """
 
 import math
@@ -21,9 +21,8 @@ from lidarnaut.envs.robots import RobotParams
 UNREACHABLE_LENGTH = 1e4
 """Path length assumed between stops without a connecting path [m]."""
 SEARCH_MARGIN = 10.0
-"""Margin of the path search around all stops [m]."""
 VIEWPOINT_SPACING = 1.0
-"""Maximum length of frontiers [m]. Longer frontiers are split."""
+"""Frontiers longer than this are split; each part has its own viewpoint [m]."""
 MAX_CANDIDATES = 64
 TOUR_PERIOD = 2.0
 """Maximum drive time before the next tour is planned [s]."""
@@ -36,11 +35,11 @@ class TourParams:
     cover: NonNegativeFloat = 0.4
     """Radius around a tour stop within which frontiers need no other stop, as a fraction of the lidar range."""
     max_cover: NonNegativeFloat = 3.0
-    """Maximum radius around a tour stop within which frontiers need no other stop [m]."""
+    """Upper limit of the radius given by `cover` [m]."""
     max_stops: PositiveInt = 16
     """Maximum number of stops of a tour, lowest path cost first."""
     hysteresis: NonNegativeFloat = 1.0
-    """Minimum tour length saved by leaving the current frontier [m]."""
+    """Tour length that a change to another frontier must save at least [m]."""
 
 
 class Tour:
@@ -113,9 +112,9 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
 
 
 def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:
-    """Split `costs` into blocks of side x side cells, shape (block rows, block columns, side**2).
+    """Split a costmap into square blocks of cells, shape (block rows, block columns, side**2).
 
-    Incomplete blocks are filled with `beyond`.
+    `beyond`: cost that fills incomplete blocks at the border.
     """
     padded = np.pad(costs, [(0, -length % side) for length in costs.shape], constant_values=beyond)
     height, width = padded.shape[0] // side, padded.shape[1] // side

@@ -30,7 +30,7 @@ LOGGER = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class FrontierParams:
-    """Parameters of frontier clusters, filters and scores; defaults from section 3.3.1 of the report."""
+    """Parameters of frontier clusters, filters and scores; defaults from the module's cited report, section 3.3.1."""
 
     cluster_tolerance: PositiveFloat = 0.5
     """Maximum distance between neighboring frontier cells in a cluster [m] (`eps` of DBSCAN)."""
@@ -67,7 +67,7 @@ class FrontierParams:
         return self.information_gain_radius * (min(2.0, diagonal / 20.0) if self.scale_radius_with_map else 1.0)
 
     def relaxed(self) -> list["FrontierParams"]:
-        """Return parameters with increasingly relaxed filters, the unchanged ones first."""
+        """Return parameter sets to try in turn: unchanged, then with one more filter relaxed in each."""
         steps: tuple[dict[str, Any], ...] = (
             {"min_frontier_size": self.min_frontier_size_final},
             {"obstacle_clearance": 0.0},

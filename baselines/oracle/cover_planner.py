@@ -8,16 +8,16 @@ from lidarnaut.envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
 STOP_COST = 0.1
-"""Length added to a tour for each stop [m]."""
+"""Cost of a stop on a tour, expressed as path length [m]."""
 PASSED_SHARE = 0.5
-"""Radius around a passed viewpoint within which unobserved cells count as missed, as a fraction of the lidar range."""
+"""At a viewpoint passed on the way, unobserved cells within this fraction of the lidar range count as missed."""
 MAX_MISSES = 2
 
 
 class CoverPlanner:
     """Planner of a short tour of viewpoints that observe the explorable area.
 
-    Cells that `MAX_MISSES` viewpoints failed to show are ignored, and replaced by other cells if possible.
+    A cell still unobserved after `MAX_MISSES` viewpoints is given up; other cells make up for it if possible.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class CoverPlanner:
         self.stops = [stop for stop in self.stops if stop != viewpoint]
 
     def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
-        """Remove a visited or passed viewpoint, and count the cells not observed from there."""
+        """Remove a visited or passed viewpoint from the tour, and count its unobserved cells as missed."""
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
         if viewpoint not in self.stops[:1]:
@@ -50,7 +50,7 @@ class CoverPlanner:
         self.leave_out(viewpoint)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
-        """Update the tour from (x, y), world frame [m]; return True if the target fraction can be observed.
+        """Plan the tour from (x, y), world frame [m]; return True if the target fraction of the area can be observed.
 
         `seen`: mask of observed cells, shape of the explorable area, bool. `num_rounds`: rounds of the tour search.
         """

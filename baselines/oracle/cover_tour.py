@@ -14,18 +14,18 @@ from lidarnaut.baselines.frontier.open_tour import changed, is_shorter, tour_len
 MIN_SAVING = 1e-6
 MAX_REMOVED = 8
 MAX_EXCESS_LENGTH = 0.01
-"""Maximum excess length of an accepted tour, relative to the best tour. Decreases linearly to 0 during the search."""
 VALUE_NOISE = 0.4
 DETOUR_OFFSET = 0.2
 
 
 class Cover(NamedTuple):
-    """Path lengths between n viewpoints, and visibility of cells as bits of 64-bit words."""
+    """Input of the tour search: path lengths between start and viewpoints, and the cells visible from each viewpoint.
+
+    `lengths` and `predecessors` are laid out as in `Viewpoints`.
+    """
 
     lengths: np.ndarray
-    """Path lengths between viewpoints [m], shape (n, n), float64, finite, symmetric."""
     predecessors: np.ndarray
-    """Index of the last viewpoint before viewpoint j on the path from i, at [i, j]; shape (n, n), int32."""
     sees: np.ndarray
     """Cells visible from each viewpoint, one bit per cell, shape (n, words), uint64."""
 
@@ -50,9 +50,9 @@ def count_bits(words):
 
 @njit(cache=True, error_model="numpy")
 def add_views(cover, first, last, seen):
-    """Set the bits of cells visible along a path: `seen`, shape (words,), uint64.
+    """Add the cells visible along a path to `seen`, one bit per cell, shape (words,), uint64.
 
-    The path leads from viewpoint `first` to `last`; the view from `first` is left out.
+    The path leads from viewpoint `first` to viewpoint `last`. The view from `first` is not added.
     """
     viewpoint = last
     while viewpoint != first:
@@ -63,9 +63,9 @@ def add_views(cover, first, last, seen):
 
 @njit(cache=True, error_model="numpy")
 def seen_on(cover, known, tour):
-    """Return the cells observed after a tour, one bit per cell, shape (words,), uint64.
+    """Return the cells observed by the end of a tour, one bit per cell, shape (words,), uint64.
 
-    `known`: cells observed before.
+    `known`: cells observed before the tour.
     """
     seen = known.copy()
     for k in range(tour.size - 1):
@@ -102,10 +102,10 @@ def shorten(cover, known, target, tour):
 
 @njit(cache=True, error_model="numpy")
 def complete(cover, known, target, tour, noise, rng):
-    """Insert stops with the best ratio of newly observed cells to detour, until `target` cells are observed.
+    """Insert viewpoints into a tour until it observes `target` cells, most new cells per detour first.
 
-    `known`: bits of cells observed before the tour, shape (words,), uint64. `noise`: maximum relative increase of this
-    ratio by chance. Returns the tour, and whether `target` is reached.
+    `known`: bits of cells observed before the tour, shape (words,), uint64. `noise`: maximum random increase of this
+    ratio, as a fraction. Returns the tour, and whether `target` is reached.
     """
     while True:
         seen = seen_on(cover, known, tour)

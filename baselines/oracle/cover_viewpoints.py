@@ -18,7 +18,6 @@ MIN_SPACING = 0.3
 MAX_BLOCK = 4
 NUM_NEIGHBORS = 12
 MAX_DETOUR_RATIO = 1.1
-"""Maximum length of a path through an intermediate viewpoint, divided by the length of the shortest path."""
 
 
 def _spread_out(blocks: np.ndarray, steps: int) -> np.ndarray:
@@ -60,9 +59,8 @@ class Viewpoints:
     predecessors: np.ndarray
     """Index of the last viewpoint before viewpoint j on the path from i, at [i, j]; shape (n, n), int32."""
     block_costs: np.ndarray
-    """Traversal costs of blocks of map cells, shape (block rows, block columns), uint8."""
+    """Traversal costs of blocks of `side` x `side` cells for path search, shape (block rows, block columns), uint8."""
     side: int
-    """Side of a square block of map cells [cells]."""
 
     @property
     def points(self) -> np.ndarray:

@@ -13,13 +13,13 @@ from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.coverage import Coverage
 
 DECISION_PERIOD = 1.0
-"""Time between two updates of the tour [s]."""
+"""Time between two updates of the tour of viewpoints [s]."""
 NUM_FIRST_ROUNDS = 300
 NUM_ROUNDS = 4
 LOOKAHEAD = 3.0
-"""Distance ahead on the tour to the goal of the next path, limited by the next stop [m]."""
+"""Paths lead to the first viewpoint at least this far ahead on the tour, but not beyond the next stop [m]."""
 ARRIVAL_RADIUS = 0.15
-"""Distance from a tour stop within which the stop counts as visited [m]."""
+"""Distance from a viewpoint within which the viewpoint counts as visited [m]."""
 REACH_MARGIN = 0.1
 """Reduction of the lidar range assumed in tour planning [m]."""
 GOAL_TOLERANCE = 0.4

@@ -1,6 +1,6 @@
 """Frontier detection by random trees and a mean-shift filter (Nguyen et al. 2022, section 2.1.2).
 
-The kernels are about 200 times faster than scikit-learn's `MeanShift`.
+The mean shift is about 200 times faster than scikit-learn's `MeanShift`.
 """
 
 from collections.abc import Sequence
@@ -37,9 +37,9 @@ class RrtParams:
     info_radius: PositiveFloat = 1.0
     """Radius of the information gain (unknown area) around a frontier point [m]."""
     min_gain: PositiveFloat = 0.2
-    """Minimum unknown area around a valid frontier point, within half of `info_radius` [m2]."""
+    """Minimum unknown area within half of `info_radius` of a frontier point; other points are discarded [m2]."""
     max_cost: PositiveFloat = 70.0
-    """Maximum cost of a frontier point, in ROS's scale: 99 for contact with an obstacle [percent]."""
+    """Maximum costmap cost at a frontier point, on ROS's scale from 0 (free) to 99 (contact with an obstacle)."""
     info_multiplier: PositiveFloat = 3.0
     """Weight of information gain (unknown area) relative to path length, lambda [1/m]."""
     hysteresis_radius: PositiveFloat = 3.0

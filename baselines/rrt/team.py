@@ -117,10 +117,10 @@ class RrtTeam(TeamExplorer):
 
 
 def open_goals(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return position, path cost and index of each candidate (reachable frontier) without failed drives.
+    """Return position, path cost and index of each reachable frontier that no drive has failed to reach.
 
-    Positions: shape (k, 2), map frame [m]. Path costs: shape (k,) [m]. Indices: shape (k,). If all candidates have
-    failed drives, all are returned.
+    Positions: shape (k, 2), map frame [m]. Path costs: shape (k,) [m]. Indices: shape (k,). If drives to all frontiers
+    have failed, all are returned.
     """
     indices = np.flatnonzero(candidates["failures"] == 0)
     if len(indices) == 0:

@@ -17,7 +17,7 @@ COVER_RADIUS = 2.0
 """Radius around a tour stop within which frontiers need no other stop [m]."""
 MAX_STOPS = 32
 WORK_PER_AREA = 0.3
-"""Path length equivalent to the exploration work at a stop, per unknown area [m/m2]."""
+"""Exploration work at a tour stop per unknown area, expressed as path length [m/m2]."""
 STOP_HYSTERESIS = 6.0
 """Length subtracted from the path to a robot's current stop, against oscillation between stops [m]."""
 
@@ -64,7 +64,7 @@ class Auction:
 
 
 class MinMaxTours:
-    """Assigns each robot the first stop of its tour; the tours visit all frontiers, and the longest tour is short.
+    """Assigns each robot the first stop of a tour; the tours visit all frontiers, and the longest is kept short.
 
     Min-max multiple travelling salesman problem: Faigl, Kulich, Preucil, "Goal assignment using distance cost in
     multi-robot exploration" (2012).

@@ -73,7 +73,7 @@ class TeamExplorer:
         return TeamRobot(self._robot, self._control_period, index)
 
     def _look(self, team: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> None:
-        """Update data that all robots share."""
+        """Hook to update data that all robots share, such as random trees."""
 
     def _assign(self, due: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> Sequence[int]:
         assert self.rule is not None

@@ -4,7 +4,6 @@ import numpy as np
 from numba import njit
 
 SUM_WEIGHT = 0.1
-"""Weight of the total tour length, relative to the longest tour."""
 MAX_ROUNDS = 20
 
 
