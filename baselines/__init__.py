@@ -1,4 +1,4 @@
-"""Classical policies by task."""
+"""Classical (not learned) policies for exploration and navigation."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -50,13 +50,11 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "rrt": RrtExplorer,
     "oracle": OracleExplorer,
 }
-"""Explorers by name; `:published` variants have the parameters of their sources, other explorers tuned parameters.
+"""Explorer classes by name. Parameters are tuned, or as in the cited publication (`:published`).
 
 :meta hide-value:"""
 Makers = Mapping[str, Callable[[], Any]]
-"""Factories of policies by name."""
 ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}
-"""Policies for robots with velocity commands in any task."""
 _PATIENT = GoalParams(max_recoveries=50, max_searches=20, search_radius=1.0)
 DRIVES = {
     "pursuit": _PATIENT,
@@ -64,13 +62,13 @@ DRIVES = {
     "dwb": replace(_PATIENT, local_planner="dwb", track_people=True),
     "mppi": replace(_PATIENT, local_planner="mppi", track_people=True),
 }
-"""Parameters of goal navigation by policy name, with many recoveries because people block paths temporarily."""
+"""Navigation parameters by policy name, with many recovery behaviors because people may block paths."""
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
     "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},
     "route": {"route_follower": RouteFollower},
 }
-"""Policies for tasks with an attribute of this name, by attribute; see `policies_for`."""
+"""Single-robot policies by required task attribute (`coverage`, `goal` or `route`) and policy name."""
 TEAMS: Mapping[str, Makers] = {
     "coverage": {
         "rrt_team": RrtTeam,
@@ -78,15 +76,14 @@ TEAMS: Mapping[str, Makers] = {
         "mtsp": partial(TeamExplorer, MinMaxTours()),
     }
 }
-"""Policies for team tasks with an attribute of this name, by attribute."""
+"""Team policies by required task attribute and policy name."""
 CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values()) for name in makers)
-"""Names of all classical policies."""
 
 
 def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
-    """Return the classical policies for the task of an environment after its reset, by name.
+    """Return constructors of the classical policies that suit an environment's task, by name.
 
-    Task attributes decide: a custom task with a `goal` offers `pursuit`.
+    The environment must be reset. Task attributes decide: every task with a `goal` gets `pursuit`.
     """
     inner: Any = getattr(env.unwrapped, "explore", env.unwrapped)
     if isinstance(env.action_space, spaces.Discrete):
@@ -103,7 +100,7 @@ def _one_per_robot(make: Callable[[], Explorer]) -> OnePerRobot:
 
 
 def make_explorer(name: str) -> Explorer:
-    """Create an explorer with default parameters by name or `module:attribute`.
+    """Create an explorer with default parameters from a name in `EXPLORERS`, or from `module:attribute`.
 
     Raises:
         ValueError: if the name is unknown.

@@ -1,4 +1,4 @@
-"""Episodes of policies in environments, and their measures."""
+"""Run episodes of a policy in an environment, and measure its performance."""
 
 import math
 import time
@@ -22,13 +22,13 @@ from .policy import Policy, PrivilegedPolicy, to_action
 Info = dict[str, Any]
 Observation = dict[str, np.ndarray]
 Decide = Callable[[Observation], np.ndarray | np.integer | str]
-"""Function that returns the action for an observation, or a reason to stop."""
+"""Function from an observation to an action, or to a string: the reason to end the episode."""
 Watch = Callable[[Info], None]
-"""Callback with `info`, after the reset and after every step."""
+"""Function called with `info` after the reset and after every step."""
 
 
 class LastInfo(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Adds measures and `end_reason` to the last `info` if another wrapper ends the episode."""
+    """Wrapper that adds final metrics and `end_reason` to the last `info` if another wrapper ends the episode."""
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, Info]:
         *outcome, terminated, truncated, info = self.env.step(action)
@@ -39,13 +39,13 @@ class LastInfo(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 class Ended(NamedTuple):
-    """Result of `run`."""
+    """Last observation, last `info` and computing times of a run."""
 
     observation: Observation
     info: Info
-    """Last `info`, with an `end_reason` unless `max_steps` ended the loop."""
+    """Last `info` of the run. Contains `end_reason`, unless `max_steps` ended the run."""
     decision_times: list[float]
-    """Duration of each decision [s]."""
+    """Computing time of each action [s]."""
 
 
 def run(
@@ -58,10 +58,10 @@ def run(
     max_steps: float = math.inf,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Ended:
-    """Step an environment after its reset until the episode ends or `decide` returns a reason to stop.
+    """Step an environment until the episode ends or `decide` returns a string (reason to stop).
 
-    `observation` and `info` are results of the reset or last step. `watch` is called with `info` now and after every
-    step. `clock` measures decisions [s].
+    `observation`, `info`: results of the reset or of the last step. `watch`: called with `info` at the start and after
+    every step. `clock`: returns the time [s].
     """
     env, decision_times, watch = LastInfo(env), list[float](), watch or (lambda _: None)
     watch(info)
@@ -81,26 +81,26 @@ def run(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """Measures of one episode, in simulated time and true distances.
+    """Performance measures of one episode. Times are simulated, distances are true.
 
-    Values are infinite for thresholds that were never reached. Statistics replace these by `time_limit` and
+    A measure is infinite if its threshold was never reached. Statistics replace infinity by `time_limit` or
     `distance_limit`.
     """
 
     values: Mapping[str, float]
-    """Measures by name; see `lidarnaut.envs.measures.measures_of`."""
+    """Performance measures by name, such as `time_to_95`. Each is also an attribute of this object."""
     history: EpisodeHistory
-    """Recorded samples of `info`."""
+    """Numeric entries of `info` at the reset and after every step."""
     decision_times: np.ndarray
-    """Processor time of each decision in all threads [s], shape (k,)."""
+    """Processor time of each action, in all threads [s], shape (k,), float64."""
     end_reason: str
-    """Reason of the end: from the task, "time_limit", or from the policy."""
+    """Reason for the end of the episode: from the task or the policy, or `"time_limit"`."""
     duration: float
-    """Simulated time at the end [s]."""
+    """Simulated time at the end of the episode [s]."""
     time_limit: float
-    """Time limit [s]."""
+    """Maximum simulated time of the episode [s]."""
     distance_limit: float
-    """Distance at full speed within the time limit [m]."""
+    """Distance covered at maximum speed within the time limit [m]."""
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={value:.4g}" for name, value in self.values.items())
@@ -108,11 +108,10 @@ class Episode:
 
     @property
     def decision_ms(self) -> float:
-        """Mean time of a decision [ms]."""
+        """Mean processor time per action [ms]."""
         return 1000.0 * float(np.mean(self.decision_times))
 
     def __getattr__(self, name: str) -> float:
-        """Return a measure by its name, as in `episode.time_to_95`."""
         if name.startswith("_") or name not in self.values:
             raise AttributeError(f"unknown measure of the task, {explain_unknown(name, self.values)}")
         return self.values[name]
@@ -121,9 +120,9 @@ class Episode:
 def begin_episode(
     env: gymnasium.Env[Any, Any], policy: Policy, seed: int, rng: np.random.Generator
 ) -> tuple[Observation, Info]:
-    """Reset an environment and a policy; return the result of `env.reset`.
+    """Reset an environment and a policy; return the first observation and `info`.
 
-    Passes the route of the task to `set_route`, and ground truth to a `PrivilegedPolicy`.
+    A route of the task is passed to the policy's `set_route`, and ground truth to a `PrivilegedPolicy`.
     """
     observation, info = env.reset(seed=seed)
     inner = lidar_env_of(env)
@@ -141,10 +140,10 @@ def begin_episode(
 
 
 def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
-    """Return the decision function of a policy in an environment, which also stores planned paths.
+    """Return a function that computes a policy's action for an observation of an environment.
 
-    Actions are repeated if the policy has a lower `control_hz`. With `return_home`, a navigator drives home after
-    exploration.
+    For policies with a lower `control_hz`, the function repeats actions. With `return_home`, a navigator drives home
+    after exploration. Planned paths are stored for rendering.
     """
     inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
     decide_once, task = _decide_once(policy, env), inner.task
@@ -226,13 +225,13 @@ def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
 
 
 def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step: Watch | None = None) -> Episode:
-    """Run an episode until the task, the time limit or the policy ends it.
+    """Run an episode and measure the policy's performance.
 
     Args:
         env: environment, possibly wrapped.
-        policy: explorer, team or observation policy; only a `PrivilegedPolicy` gets ground truth.
+        policy: policy for one robot or a team. Only a `PrivilegedPolicy` receives ground truth.
         seed: seed of environment and policy.
-        on_step: callback with `info` after the reset and after every step.
+        on_step: called with `info` after the reset and after every step.
     """
     inner, recorder = lidar_env_of(env), HistoryRecorder()
     # Independent of the generators that the environment spawns.

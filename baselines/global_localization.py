@@ -1,7 +1,7 @@
 """Map, localize globally, navigate: `python -m lidarnaut.baselines.global_localization --world turtlebot3_world`.
 
 Experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022): a robot maps an unknown world, localizes
-globally on this map by a particle filter, and drives to goals. A GIF shows the particles.
+globally on this map by a particle filter, and drives to goals.
 """
 
 from dataclasses import replace
@@ -28,16 +28,16 @@ AMCL = replace(load_preset("default"), lost_fit=0.7)
 """AMCL parameters for maps made by SLAM, which match scans less precisely."""
 PICTURE_SIZE = (1280, 720)
 FRAME_TIMES = {True: 0.1, False: 1.0}
-"""Simulated time between frames [s], by whether the robot is lost."""
+"""Simulated time between animation frames [s], for a lost (True) or localized (False) robot."""
 FRAME_MS = {True: 400, False: 80}
-"""Display time of a frame [ms], by whether the robot is lost."""
+"""Display time of an animation frame [ms], for a lost (True) or localized (False) robot."""
 TIME_PER_GOAL = 600.0
-"""Simulated time per goal [s]; at most half of this time is for localization."""
+"""Simulated time allowed per goal [s], at most half of it for localization."""
 MAX_FRAMES = 240
 
 
 class Animation:
-    """Records frames of a drive."""
+    """Recorder of an animated GIF of a drive."""
 
     def __init__(self) -> None:
         self._picture, self._next = Picture(PICTURE_SIZE), 0.0
@@ -52,7 +52,6 @@ class Animation:
         self._frames.append((Image.frombytes("RGB", PICTURE_SIZE, pixels), FRAME_MS[scene.belief.is_lost]))
 
     def save(self, path: Path) -> None:
-        """Write the GIF, and three of its frames as PNG."""
         kept = self._frames[:: -(-len(self._frames) // MAX_FRAMES)]
         first, *others = (frame.quantize(64, dither=Image.Dither.NONE) for frame, _ in kept)
         durations = [*(duration for _, duration in kept[:-1]), 2000]

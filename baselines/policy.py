@@ -14,40 +14,43 @@ from lidarnaut.envs.tasks.coverage import Coverage
 
 
 class Policy(Protocol):
-    """Common interface of all policies.
+    """Interface of all policies.
 
-    Optional attributes: `observations` (required observation parts), `control_hz` (decision rate; actions are repeated
-    in between), `level` ("decision" for policies that choose frontiers), `uses_ground_truth` (see `marked`).
+    Optional attributes: `observations` (names of required observations), `control_hz` (actions per second [Hz],
+    repeated in between), `level` (`"decision"` if actions are frontiers instead of velocities), `uses_ground_truth`.
 
-    Optional methods: `set_goal(goal)` receives the goal pose, map frame, at the start and after changes, or a point in
-    its direction if only the bearing is known. `set_tolerances(distance, heading)` is called before [m, rad].
-    `set_route(route)` receives the route of a task.
+    Optional methods: `set_goal(goal)` receives the goal pose, map frame, at the start and after changes. If only the
+    bearing is known, `goal` is a point in the direction of the goal. `set_tolerances(distance, heading)` receives the
+    goal tolerances [m, rad] before. `set_route(route)` receives the route of a task.
     """
 
     @property
     def end_reason(self) -> str | None:
-        """Reason why the policy has stopped ("no_reachable_frontier", ...); None before."""
+        """Reason why the policy stopped, such as `"no_reachable_frontier"`; None while active."""
 
     @property
     def plan(self) -> np.ndarray | None:
-        """Planned path for rendering, map frame [m], shape (n, 2), or None."""
+        """Planned path for rendering, shape (n, 2), map frame [m]; None without a path."""
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for an episode.
+        """Prepare the policy for an episode.
 
-        `control_period` is the time between calls of `act` [s], `rng` the generator of the policy.
+        `control_period`: time between actions [s]. `rng`: random generator of the policy.
         """
 
 
 class Explorer(Policy, Protocol):
-    """Policy that computes twists from readings, pose estimate and map, without ground truth."""
+    """Policy that computes velocities from sensor data, estimated pose and map, without ground truth."""
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist for the next control period; it is clipped to the robot's limits."""
+        """Return the velocity command for the next control period, which is clipped to the robot's limits.
+
+        `reading`: sensor data. `belief`: estimated pose and map.
+        """
 
 
 class ObservationPolicy(Policy, Protocol):
-    """Policy that computes actions from observations, for example a learned policy."""
+    """Policy that computes actions from Gymnasium observations, for example a trained network."""
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray | np.integer:
         """Return the action for an observation: an array, or the index of a frontier."""
@@ -55,23 +58,22 @@ class ObservationPolicy(Policy, Protocol):
 
 @runtime_checkable
 class PrivilegedPolicy(Protocol):
-    """Explorer with ground truth, an upper bound for other explorers."""
+    """Policy that receives ground truth, as an upper bound for other policies."""
 
     def reveal(self, coverage: Coverage, target_coverage: float) -> None:
-        """Receive the ground truth of an episode, after `Policy.reset`.
+        """Receive the ground truth of an episode, after `reset`.
 
-        `target_coverage`: explored fraction that ends the episode.
+        `coverage`: true map, start pose and explored cells. `target_coverage`: explored fraction that ends the episode.
         """
 
 
 GROUND_TRUTH = " (ground truth)"
-"""Suffix of the names of policies that use ground truth."""
 
 
 def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -> str:
-    """Return the name of a policy, with the suffix `GROUND_TRUTH` if it uses ground truth.
+    """Return the name of a policy, with the suffix " (ground truth)" if the policy uses ground truth.
 
-    This includes observation policies if `env` has `uses_ground_truth`.
+    Ground truth in the observations of `env` also counts.
     """
     uses_it = isinstance(policy, PrivilegedPolicy) or getattr(policy, "uses_ground_truth", False)
     if env is not None and not hasattr(policy, "act") and env.has_wrapper_attr("uses_ground_truth"):
@@ -80,9 +82,10 @@ def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -
 
 
 class OnePerRobot:
-    """Team that drives each robot by its own copy of an explorer.
+    """Drives each robot of a team by a separate copy of an explorer.
 
-    Teams have `is_team`, `plans` (one path per robot), and an `act` with lists of readings and beliefs.
+    As in all team policies, `is_team` is True, `plans` holds the path of each robot, and arguments and result of `act`
+    are lists with one item per robot.
     """
 
     is_team = True
@@ -114,5 +117,5 @@ class OnePerRobot:
 
 
 def to_action(twist: Twist, robot: RobotParams) -> np.ndarray:
-    """Return the action of a twist, shape (2,), float32: fractions of the robot's limits, clipped."""
+    """Return a velocity command divided by the robot's limits and clipped to [-1, 1], shape (2,), float32."""
     return np.clip(np.array([twist.v / robot.max_v, twist.w / robot.max_w], dtype=np.float32), -1.0, 1.0)

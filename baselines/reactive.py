@@ -1,4 +1,4 @@
-"""Policies without a map."""
+"""Simple policies: random motion, wall following, route following."""
 
 import math
 from itertools import product
@@ -13,25 +13,24 @@ from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.route import Route
 
 CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
-"""Candidate curvatures from right to left, for a robot radius of 0.1 m; lower for larger robots [1/m]."""
+"""Curvatures of the arcs tried by the wall follower, right to left [1/m]. Scaled down for robot radii above 0.1 m."""
 REFERENCE_RADIUS = 0.1
-"""Robot radius of `CURVATURES` [m]."""
 WALL_MARGIN = 0.12
 """Preferred gap between footprint and wall [m]."""
 MIN_WALL_MARGIN = 0.02
-"""Gap between footprint and wall in narrow passages [m]."""
+"""Minimum gap between footprint and wall, in narrow passages [m]."""
 ARC_LENGTH = 0.8
-"""Collision-free length that an arc needs, beyond the robot's radius [m]."""
+"""Arcs of the wall follower must be free for this length plus the robot's radius [m]."""
 SPEED = 0.8
-"""Speed as a fraction of the maximum speed."""
+"""Speed of the wall follower, as a fraction of the maximum speed."""
 TURN_RATE = 1.0
-"""Maximum yaw rate of turns [rad/s]."""
+"""Maximum yaw rate of the wall follower [rad/s]."""
 LOOKAHEAD_TIME = 0.75
-"""Lookahead distance / speed [s]; routes are smoother than grid paths."""
+"""Lookahead distance of the route follower divided by its speed [s]."""
 MIN_TURN_TIME = 1.0
-"""Minimum arc radius / speed [s]; the robot slows down on tighter arcs."""
+"""Minimum arc radius divided by speed [s]; limits the speed in curves."""
 ROTATE_FROM = 1.6
-"""Heading error above which the robot turns in place [rad], larger than at a rounded right angle."""
+"""Heading error above which the route follower turns in place [rad]."""
 
 
 class RandomExplorer:
@@ -49,7 +48,7 @@ class RandomExplorer:
 
 
 class RandomChooser(RuleExplorer):
-    """Chooses a random frontier candidate."""
+    """Drives to a random reachable frontier."""
 
     def __init__(self) -> None:
         super().__init__(self._draw)
@@ -63,9 +62,10 @@ class RandomChooser(RuleExplorer):
 
 
 class WallFollower:
-    """Follows walls on its right by the scan alone.
+    """Follows walls on the robot's right side, by the lidar scan alone.
 
-    Drives the rightmost collision-free arc, and after a net rotation of a full turn straight to another wall.
+    The robot drives the rightmost collision-free arc. After a full turn, the robot rotates by a random angle and drives
+    straight to another wall.
     """
 
     end_reason = plan = None
@@ -116,7 +116,7 @@ class WallFollower:
 
 
 class RouteFollower:
-    """Follows a route with the path follower."""
+    """Follows a given route by regulated pure pursuit."""
 
     end_reason = plan = None
 

@@ -1,7 +1,7 @@
-"""Lidarnaut: Gymnasium environments in which lidar robots explore unknown worlds and find their way among people.
+"""Lidarnaut: Gymnasium environments for lidar robots that explore unknown worlds and navigate among people.
 
-`import lidarnaut` registers the environments for `gymnasium.make`, and loads no other part of the package: the names
-below are imported on first use. They are the public API. Other modules may change between versions without notice.
+`import lidarnaut` registers the environments for `gymnasium.make`, and loads no other part of the package. The names
+below are imported on first use, and form the public API. Other modules may change between versions without notice.
 """
 
 import importlib.metadata

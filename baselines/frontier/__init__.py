@@ -1,1 +1,1 @@
-"""Frontier exploration."""
+"""Frontier exploration with a single robot."""

@@ -1,15 +1,18 @@
-"""Short open tours from a start past all stops."""
+"""Short tours past all stops, without return to the start."""
 
 import numpy as np
 from numba import njit
 
 MIN_SAVING = 1e-9
-"""Minimum saving of a change, above rounding errors."""
 
 
 @njit(cache=True, error_model="numpy")
 def tour_length(lengths, tour):
-    """Return the length of a tour, shape (size,), int64, start first; `lengths`: shape (n, n), float64."""
+    """Return the length of a tour [m].
+
+    `lengths`: path lengths between points [m], shape (n, n), float64. `tour`: point indices in order, shape (size,),
+    int64.
+    """
     total = 0.0
     for k in range(len(tour) - 1):
         total += lengths[tour[k], tour[k + 1]]
@@ -18,7 +21,11 @@ def tour_length(lengths, tour):
 
 @njit(cache=True, error_model="numpy")
 def changed(tour, i, k, j):
-    """Return a tour with i..k and k + 1..j swapped (or-opt, Or 1976), or i..j reversed if k < i (2-opt)."""
+    """Return a changed copy of a tour (point indices), for local search.
+
+    If k < i, positions i to j are reversed (2-opt). Otherwise, the parts i to k and k + 1 to j are swapped (or-opt, Or
+    1976).
+    """
     other = tour.copy()
     if k < i:
         other[i : j + 1] = tour[i : j + 1][::-1]
@@ -30,9 +37,9 @@ def changed(tour, i, k, j):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def is_shorter(lengths, tour, i, k, j, least):
-    """Return True if `changed(tour, i, k, j)` saves more than `least`; swaps need a part of at most 3 stops.
+    """Return True if `changed(tour, i, k, j)`, a 2-opt or or-opt change, saves more than `least` [m].
 
-    `lengths` are symmetric.
+    `lengths`: symmetric path lengths between points [m]. Swaps of two parts with more than 3 stops each are rejected.
     """
     if min(k - i, j - k - 1) > 2:
         return False
@@ -68,10 +75,11 @@ def best_tours(lengths):
     """Return a short tour for each possible first stop: nearest neighbor, then 2-opt and or-opt.
 
     Args:
-        lengths: path lengths, shape (n + 1, n + 1), float64, finite, symmetric; index 0 is the start.
+        lengths: path lengths between the start (index 0) and n stops [m], shape (n + 1, n + 1), float64, finite,
+            symmetric.
 
     Returns:
-        Tours, shape (n, n + 1), int64, the k-th with stop k + 1 first; tour lengths, shape (n,).
+        Point indices of n tours, shape (n, n + 1), int64; tour k visits stop k + 1 first. Tour lengths [m], shape (n,).
     """
     size = lengths.shape[0]
     tours = np.zeros((size - 1, size), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Pursuit driving: steers to a near point on the path, without slowing down in bends."""
+"""Frontier exploration that follows paths without slowing down in bends."""
 
 import math
 
@@ -13,11 +13,14 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 TURN = 1.2
-"""Yaw rate per angle to the path, as a fraction of the maximum yaw rate [1/rad]."""
+"""Yaw rate per heading error, as a fraction of the maximum yaw rate [1/rad]."""
 
 
 class PursuitDriving(RuleExplorer):
-    """Explorer with pursuit driving; the navigator drives near obstacles and in recoveries."""
+    """Frontier explorer that steers to a near point on the path and does not slow down in bends.
+
+    Near obstacles and in recoveries, the standard navigator drives.
+    """
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         super().reset(robot, control_period, rng)
@@ -31,7 +34,7 @@ class PursuitDriving(RuleExplorer):
 
 
 class PursuitExplorer(PursuitDriving):
-    """Pursuit explorer with the rule `GainOverCost`, evaluated every second."""
+    """Chooses frontiers by unknown area divided by path cost, and does not slow down in bends."""
 
     def __init__(self) -> None:
         super().__init__(GainOverCost(), max_time=1.0)
@@ -40,9 +43,9 @@ class PursuitExplorer(PursuitDriving):
 def pursue(
     frontiers: FrontierNavigator, robot: RobotParams, pose: Pose2D, twist: Twist, obstacles: np.ndarray
 ) -> Twist:
-    """Return the pursuit twist along the path, or the navigator's `twist` if the arc is not free.
+    """Return a velocity command towards a near point on the path, or `twist` if an obstacle blocks the way.
 
-    `obstacles`: shape (n, 2), float64, base frame [m].
+    `frontiers`: navigator that planned the path. `obstacles`: shape (n, 2), float64, base frame [m].
     """
     navigator = frontiers.navigator
     if navigator.is_recovering or navigator.plan is None:

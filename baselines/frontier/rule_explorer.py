@@ -1,5 +1,3 @@
-"""Explorer of frontier rules."""
-
 import math
 from typing import Protocol
 
@@ -12,21 +10,25 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 COMMITTED = math.inf
-"""`max_time` of explorers that keep a goal until the drive ends [s]."""
+"""Value of `max_time` that keeps a frontier until the drive ends [s]."""
 
 
 class FrontierRule(Protocol):
-    """Function that scores frontier candidates; rules with state also have `reset(robot, rng)`.
+    """Function that scores candidates (reachable frontiers).
 
-    Rules also work in `ExploreFrontiers-v0`: `env.step(rule(env.unwrapped.candidates, env.unwrapped.belief).argmax())`.
+    A rule with state also has a method `reset(robot, rng)`. The environment `ExploreFrontiers-v0` accepts choices of a
+    rule: `env.step(rule(env.unwrapped.candidates, env.unwrapped.belief).argmax())`.
     """
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
-        """Return a score for each candidate, shape (k,), k > 0; the explorer takes the highest."""
+        """Return a score for each candidate (reachable frontier), shape (k,), k > 0; the highest is chosen.
+
+        `belief`: estimated pose and map.
+        """
 
 
 class RuleExplorer:
-    """`Explorer` that drives to the candidate with the highest score of a rule."""
+    """Drives to the candidate (reachable frontier) with the highest score of a rule."""
 
     def __init__(
         self,
@@ -37,19 +39,19 @@ class RuleExplorer:
         planning: PlanningParams = PlanningParams(),
         params: NavigatorParams = NavigatorParams(),
     ) -> None:
-        """Create an explorer from a rule; other arguments as for `FrontierNavigator`.
+        """Create an explorer with a rule that scores frontiers.
 
-        `max_time` is the maximum drive time before the rule is evaluated again [s].
+        `max_time`: maximum drive time before the next choice of a frontier [s]. `max_candidates`: maximum number of
+        frontiers to score, lowest path cost first. `planning`, `params`: parameters of planning and driving.
         """
         self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
         self.planning, self.params = planning, params
         self.uses_ground_truth = getattr(rule, "uses_ground_truth", False)
         self.end_reason: str | None = None
-        """Stop reason, `"no_reachable_frontier"` or `"stuck"`; None before."""
+        """Reason why exploration ended, `"no_reachable_frontier"` or `"stuck"`; None while exploring."""
         self.navigator: FrontierNavigator | None = None
-        """Navigator that finds candidates and drives to them."""
         self.scores: np.ndarray | None = None
-        """Scores of the candidates at the last choice, shape (k,), float64."""
+        """Scores of the reachable frontiers at the last choice, shape (k,)."""
         self._has_begun = False
 
     @property
@@ -94,7 +96,7 @@ class RuleExplorer:
         return navigator.command(belief)
 
     def choose(self, navigator: FrontierNavigator, belief: Belief) -> int:
-        """Return the index of the candidate with the highest score; also used by frontier environments."""
+        """Return the index of the candidate (reachable frontier) with the highest score."""
         self.scores = scores = self.rate(navigator, belief)
         if scores.ndim != 1 or len(scores) > len(navigator.candidates):
             raise ValueError(f"a rule must return a score for each candidate, shape (k,), got shape {scores.shape}")

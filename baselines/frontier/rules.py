@@ -1,4 +1,4 @@
-"""Frontier rules and their explorers."""
+"""Functions that score frontiers, and explorers that use the scores."""
 
 import math
 
@@ -12,13 +12,13 @@ from lidarnaut.envs.navigation import Candidates, GainOverCost, PlanningParams, 
 from lidarnaut.envs.robots import RobotParams
 
 CELL = 0.05
-"""Side of a cell in the frontier sizes of published rules [m]."""
+"""Cell side that converts published frontier sizes (in cells) to lengths [m]."""
 MIN_LENGTHS = (8 * CELL, 3 * CELL)
-"""Minimum frontier lengths: by default, and if no frontier of the default length is reachable [m]."""
+"""Minimum frontier lengths [m], tried in order until a frontier is reachable."""
 
 
 def nearest(candidates: Candidates, belief: Belief) -> np.ndarray:
-    """Score candidates by negative path cost (Yamauchi 1997)."""
+    """Score reachable frontiers by negative path cost (Yamauchi 1997)."""
     return failed_last(-candidates["cost"], candidates)
 
 
@@ -30,19 +30,19 @@ class NearestExplorer(RuleExplorer):
 
 
 def greedy_gain(candidates: Candidates, belief: Belief) -> np.ndarray:
-    """Score candidates by visible unknown area, regardless of path cost."""
+    """Score reachable frontiers by unknown area in view [m2]."""
     return failed_last(candidates["visible"], candidates)
 
 
 class GreedyGainExplorer(RuleExplorer):
-    """Drives to the frontier with the most visible unknown area."""
+    """Drives to the frontier with the most unknown area in view."""
 
     def __init__(self) -> None:
         super().__init__(greedy_gain, max_time=COMMITTED)
 
 
 class GainOverCostExplorer(RuleExplorer):
-    """Explorer with the rule `GainOverCost`, evaluated every four seconds."""
+    """Chooses frontiers by unknown area divided by path cost, every four seconds."""
 
     def __init__(self, params: GainOverCost = GainOverCost()) -> None:
         super().__init__(params)
@@ -50,17 +50,18 @@ class GainOverCostExplorer(RuleExplorer):
 
 @dataclass(frozen=True, slots=True)
 class ExploreLite:
-    """Rule of explore_lite (Horner, "Map-merging for multi-robot system", 2016; ROS package m-explore).
+    """Frontier score of the ROS package explore_lite (Horner, "Map-merging for multi-robot system", 2016).
 
-    The cost is `potential_scale * distance - gain_scale * size`, with the straight distance to the nearest frontier
-    cell. Unlike the package, the goal is the viewpoint nearest to the centroid, and small frontiers count if no larger
-    ones are reachable. Defaults are from the launch file, except for `gain_scale`.
+    The cost (negative score) is `potential_scale * distance - gain_scale * size`, with the straight distance to the
+    nearest frontier cell [m] and the number of 5 cm cells. Unlike in the package, the goal is the viewpoint nearest to
+    the centroid, and small frontiers count if no larger one is reachable. Defaults are from the launch file, except for
+    `gain_scale`.
     """
 
     potential_scale: NonNegativeFloat = 3.0
-    """Cost per metre of distance."""
+    """Cost of a frontier per metre of distance [1/m]."""
     gain_scale: NonNegativeFloat = 0.3
-    """Gain per cell of frontier size; 1 in the launch file."""
+    """Cost reduction per frontier cell of 5 cm; 1 in explore_lite."""
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
         x, y, _ = belief.pose
@@ -75,7 +76,7 @@ class ExploreLite:
 
 
 class ExploreLiteExplorer(RuleExplorer):
-    """Explorer with the rule `ExploreLite`."""
+    """Explorer with the frontier scores of the ROS package explore_lite."""
 
     def __init__(self, params: ExploreLite = ExploreLite()) -> None:
         planning = PlanningParams(min_lengths=(0.75, MIN_LENGTHS[-1]), max_extent=0.5)
@@ -84,21 +85,21 @@ class ExploreLiteExplorer(RuleExplorer):
 
 @dataclass(frozen=True, slots=True)
 class NextBestViewParams:
-    """Parameters of `NextBestView`; `discount` and `max_time` were tuned on training worlds."""
+    """Parameters of next-best-view exploration; `discount` and `max_time` were tuned on training worlds."""
 
     num_samples: PositiveInt = 40
-    """Maximum number of viewpoints to evaluate, sampled from all candidates."""
+    """Maximum number of viewpoints to score, sampled at random."""
     discount: NonNegativeFloat = 0.15
-    """Discount rate of the gain along the path [1/m]: lambda of the paper, 0.5 there."""
+    """Exponential discount rate of unknown area in view with path length [1/m]; lambda in the paper, 0.5 there."""
     max_time: PositiveFloat = 4.0
-    """Maximum drive time before viewpoints are evaluated again [s]; infinite in the paper."""
+    """Maximum drive time before the next choice of a viewpoint [s]; infinite in the paper."""
 
 
 class NextBestView:
-    """Rule that scores sampled viewpoints by discounted gain, `gain * exp(-discount * length)`.
+    """Score of viewpoints: unknown area in view, discounted by path length, `area * exp(-discount * length)`.
 
     Bircher, Kamel, Alexis, Oleynikova, Siegwart, "Receding Horizon 'Next-Best-View' Planner for 3D Exploration" (2016),
-    with viewpoints from frontiers instead of a tree.
+    with viewpoints at frontiers instead of in a random tree.
     """
 
     def __init__(self, params: NextBestViewParams) -> None:
@@ -118,7 +119,7 @@ class NextBestView:
 
 
 class NextBestViewExplorer(RuleExplorer):
-    """Explorer with the rule `NextBestView`."""
+    """Drives to the viewpoint with the most unknown area in view, discounted by path length."""
 
     def __init__(self, params: NextBestViewParams = NextBestViewParams()) -> None:
         planning = PlanningParams(min_lengths=MIN_LENGTHS, max_extent=1.0)
@@ -128,4 +129,4 @@ class NextBestViewExplorer(RuleExplorer):
 PUBLISHED_LITE = ExploreLite(gain_scale=1.0)
 """Parameters in the launch file of explore_lite."""
 PUBLISHED_VIEWS = NextBestViewParams(discount=0.5, max_time=math.inf)
-"""Parameters of the next-best-view paper."""
+"""Parameters in the paper of Bircher et al. (2016)."""

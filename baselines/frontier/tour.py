@@ -1,7 +1,7 @@
-"""Tour planner: a short tour past all frontiers, with the first stop as the goal.
+"""Explorer that plans a short tour past all frontiers.
 
 After Cao, Zhu, Choset, Zhang, "TARE: A Hierarchical Framework for Efficiently Exploring Complex 3D Environments", 2021,
-with a single level of tours.
+but without separate local and global tours.
 """
 
 import math
@@ -19,33 +19,31 @@ from lidarnaut.envs.navigation import COST_UNKNOWN, Candidates, Costmap, Plannin
 from lidarnaut.envs.robots import RobotParams
 
 UNREACHABLE_LENGTH = 1e4
-"""Path length between stops that are not connected [m]."""
+"""Path length assumed between stops without a connecting path [m]."""
 SEARCH_MARGIN = 10.0
-"""Margin of the path search around the bounding box of all stops [m]."""
 VIEWPOINT_SPACING = 1.0
-"""Maximum length of a frontier with a single viewpoint [m]."""
+"""Frontiers longer than this are split; each part has its own viewpoint [m]."""
 MAX_CANDIDATES = 64
-"""Maximum number of candidates, the cheapest first."""
 TOUR_PERIOD = 2.0
-"""Time between two tours [s]."""
+"""Maximum drive time before the next tour is planned [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class TourParams:
-    """Parameters of stops and tours."""
+    """Parameters of tours past all frontiers."""
 
     cover: NonNegativeFloat = 0.4
-    """Radius of frontier cells that a stop covers, as a fraction of the lidar range; at most `max_cover`."""
+    """Radius around a tour stop within which frontiers need no other stop, as a fraction of the lidar range."""
     max_cover: NonNegativeFloat = 3.0
-    """Maximum radius of frontier cells that a stop covers [m]."""
+    """Upper limit of the radius given by `cover` [m]."""
     max_stops: PositiveInt = 16
-    """Maximum number of stops, the cheapest first."""
+    """Maximum number of stops of a tour, lowest path cost first."""
     hysteresis: NonNegativeFloat = 1.0
-    """Length that a tour must save before the robot leaves its current frontier [m]."""
+    """Tour length that a change to another frontier must save at least [m]."""
 
 
 class Tour:
-    """Rule that scores a candidate by the length of the tour that visits it first."""
+    """Scores each frontier by the negative length of a short tour that visits this frontier first."""
 
     def __init__(self, params: TourParams) -> None:
         self._params = params
@@ -80,7 +78,10 @@ class Tour:
 
 
 class TourExplorer(RuleExplorer):
-    """Explorer with the rule `Tour`; short frontiers come last."""
+    """Drives to the first stop of a short tour past all frontiers.
+
+    Short frontiers are ignored while a longer frontier is reachable.
+    """
 
     def __init__(self, params: TourParams = TourParams()) -> None:
         planning = PlanningParams(min_lengths=(2 * MIN_LENGTHS[0], *MIN_LENGTHS), max_extent=VIEWPOINT_SPACING)
@@ -88,10 +89,10 @@ class TourExplorer(RuleExplorer):
 
 
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
-    """Return path lengths between a start (x, y) (index 0) and stops, shape (n, 2), float64 [m].
+    """Return path lengths between a start and n stops, shape (n + 1, n + 1), float64, symmetric [m].
 
-    Returns shape (n + 1, n + 1), float64, symmetric, at most `UNREACHABLE_LENGTH` [m]. The search on coarse cells may
-    count narrow passages as open.
+    `start`: (x, y), map frame [m]. `stops`: shape (n, 2), float64, map frame [m]. Lengths are at most
+    `UNREACHABLE_LENGTH`. The search on coarse cells may count narrow passages as open.
     """
     points, grid = np.vstack([start, stops]), costmap.grid
     reach, size = math.ceil(SEARCH_MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))
@@ -111,9 +112,9 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
 
 
 def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:
-    """Return the cells of each block of side x side cells, shape (block rows, block columns, side**2).
+    """Split a costmap into square blocks of cells, shape (block rows, block columns, side**2).
 
-    Incomplete blocks of `costs` (two-dimensional) are padded with `beyond`.
+    `beyond`: cost that fills incomplete blocks at the border.
     """
     padded = np.pad(costs, [(0, -length % side) for length in costs.shape], constant_values=beyond)
     height, width = padded.shape[0] // side, padded.shape[1] // side

@@ -1,8 +1,8 @@
 """Frontier explorer of the report "Hệ thống AGV tự động khám phá map cho smart warehouse", 2024.
 
-DBSCAN clusters are filtered by clearance, distance and blacklist, and ranked by utility. Unlike the report, the
-explored share refers to the bounding box of observations, and `FrontierParams.relaxed` relaxes the filters if no
-candidate passes.
+Clusters of frontier cells near obstacles, the robot or failed goals are discarded. The rest is ranked by information
+gain divided by distance. Unlike in the report, the explored share refers to the observed bounding box, and filters are
+relaxed if no cluster passes.
 """
 
 import logging
@@ -30,30 +30,30 @@ LOGGER = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class FrontierParams:
-    """Parameters of the report; defaults from `exploration_params.yaml`, section 3.3.1."""
+    """Parameters of frontier clusters, filters and scores; defaults from the module's cited report, section 3.3.1."""
 
     cluster_tolerance: PositiveFloat = 0.5
-    """Maximum distance of neighboring frontier cells in DBSCAN [m]."""
+    """Maximum distance between neighboring frontier cells in a cluster [m] (`eps` of DBSCAN)."""
     min_frontier_size: int = 8
-    """Minimum number of frontier cells of 5 cm in a dense cluster."""
+    """Minimum number of 5 cm frontier cells near a core cell of a cluster (`min_samples` of DBSCAN)."""
     min_frontier_size_final: PositiveInt = 3
-    """Minimum number of frontier cells of 5 cm in a dense cluster, beyond `adaptive_threshold`."""
+    """Replacement for `min_frontier_size` once the explored share exceeds `adaptive_threshold`."""
     adaptive_threshold: Annotated[float, Field(ge=0.0, le=1.0)] = 0.7
-    """Explored share above which small frontiers count."""
+    """Explored share of the observed bounding box above which small frontiers count, in [0, 1]."""
     obstacle_clearance: NonNegativeFloat = 0.5
-    """Minimum distance between the centroid of a cluster and obstacles [m]."""
+    """Minimum distance between the centroid of a frontier cluster and obstacles [m]."""
     obstacle_above: Annotated[int, Field(ge=0, lt=100)] = 50
-    """Occupancy above which a cell is an obstacle for the clearance [percent]."""
+    """Occupancy above which a cell is an obstacle for `obstacle_clearance` [percent]."""
     information_gain_radius: PositiveFloat = 2.0
-    """Radius around a centroid for counting unknown cells [m]."""
+    """Radius around the centroid of a frontier cluster for counting unknown area [m]."""
     scale_radius_with_map: bool = True
-    """Whether `information_gain_radius` is multiplied by the map diagonal / 20 m, at most by 2."""
+    """Whether to multiply `information_gain_radius` by the map diagonal divided by 20 m, at most by 2."""
     min_goal_distance: NonNegativeFloat = 1.2
     """Minimum distance of a goal from the robot [m]."""
     goal_tolerance: NonNegativeFloat = 0.3
-    """Maximum distance of a viewpoint from the frontier (planner's tolerance, section 3.3.2) [m]."""
+    """Maximum distance of a viewpoint from the frontier [m]."""
     blacklist_radius: NonNegativeFloat = 1.2
-    """Radius of the area excluded around failed goals [m]."""
+    """Radius around failed goals within which frontiers are excluded [m]."""
     max_blacklist_size: PositiveInt = 25
     """Maximum number of failed goals to remember."""
 
@@ -67,7 +67,7 @@ class FrontierParams:
         return self.information_gain_radius * (min(2.0, diagonal / 20.0) if self.scale_radius_with_map else 1.0)
 
     def relaxed(self) -> list["FrontierParams"]:
-        """Return these parameters, followed by those of each relaxation step."""
+        """Return parameter sets to try in turn: unchanged, then with one more filter relaxed in each."""
         steps: tuple[dict[str, Any], ...] = (
             {"min_frontier_size": self.min_frontier_size_final},
             {"obstacle_clearance": 0.0},
@@ -79,7 +79,7 @@ class FrontierParams:
 
 
 class FrontierUtility:
-    """Rule that selects the frontier cluster with the highest ratio of information gain and distance."""
+    """Selects the frontier cluster with the highest information gain divided by distance."""
 
     def __init__(self, params: FrontierParams) -> None:
         self._params, self._steps = params, params.relaxed()
@@ -90,11 +90,8 @@ class FrontierUtility:
 
     def _clear(self) -> None:
         self.goal: tuple[float, float] | None = None
-        """Frontier of the current goal (x, y), map frame [m]."""
         self.relaxation = 0
-        """Relaxation step of the last choice, 0 (none) to 5."""
         self.blacklist: list[tuple[float, float]] = []
-        """Failed goals (x, y), map frame [m]."""
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
         if candidates.last_failed and self.goal is not None:
@@ -150,7 +147,7 @@ class FrontierUtility:
 
 
 class FrontierExplorer(RuleExplorer):
-    """Explorer with the rule `FrontierUtility`."""
+    """Drives to the frontier cluster with the highest information gain divided by distance."""
 
     rule: FrontierUtility
 
@@ -159,12 +156,14 @@ class FrontierExplorer(RuleExplorer):
 
 
 def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cluster the frontier cells of candidates by DBSCAN (Ester, Kriegel, Sander, Xu, 1996).
+    """Cluster frontier cells by DBSCAN (Ester, Kriegel, Sander, Xu, 1996).
 
-    `tolerance` is the maximum distance of neighbors [m], `size` the minimum number of 5 cm cells in a dense cluster.
+    `candidates`: reachable frontiers. `tolerance`: maximum distance between neighbors [m]. `size`: minimum number of 5
+    cm cells near a core cell.
 
     Returns:
-        Cells [m], shape (n, 2), float64; their candidates and clusters, shape (n,), int64, -1 for noise.
+        Cell centers, shape (n, 2), float64, map frame [m]; candidate and cluster of each cell, shape (n,), int64, -1
+        for noise.
     """
     from sklearn.cluster import DBSCAN  # slow import
 
@@ -177,7 +176,10 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
 
 
 def is_clear(grid: OccupancyGrid, points: np.ndarray, params: FrontierParams) -> np.ndarray:
-    """Return which points inside the map, shape (n, 2) [m], keep the clearance, shape (n,), bool."""
+    """Return whether points keep `params.obstacle_clearance` from obstacles, shape (n,), bool.
+
+    `points`: shape (n, 2), inside the map, map frame [m].
+    """
     reach = int(params.obstacle_clearance / grid.resolution + 1e-9)
     if reach == 0 or len(points) == 0:
         return np.ones(len(points), dtype=np.bool_)

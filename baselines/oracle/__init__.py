@@ -1,1 +1,1 @@
-"""Oracle explorer, which uses ground truth."""
+"""Oracle explorer, which knows the true map."""

@@ -1,5 +1,3 @@
-"""Planner of coverage tours on the true map."""
-
 import math
 
 import numpy as np
@@ -9,25 +7,22 @@ from lidarnaut.baselines.oracle.cover_viewpoints import Viewpoints, pack_bits, u
 from lidarnaut.envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
-"""Maximum number of sample cells of the area to observe."""
 STOP_COST = 0.1
-"""Cost of a stop in addition to its path [m]; favors tours with fewer turns."""
+"""Cost of a stop on a tour, expressed as path length [m]."""
 PASSED_SHARE = 0.5
-"""Maximum distance of visible cells from a viewpoint passed by the robot, as a fraction of the lidar range."""
+"""At a viewpoint passed on the way, unobserved cells within this fraction of the lidar range count as missed."""
 MAX_MISSES = 2
-"""Number of viewpoints that fail to show a cell before the tour ignores the cell."""
 
 
 class CoverPlanner:
-    """Keeps a tour of viewpoints, and replans it from the position of the robot.
+    """Planner of a short tour of viewpoints that observe the explorable area.
 
-    Cells that were missed `MAX_MISSES` times are ignored, and replaced by other cells if possible.
+    A cell still unobserved after `MAX_MISSES` viewpoints is given up; other cells make up for it if possible.
     """
 
     def __init__(
         self, area: ExplorableArea, viewpoints: Viewpoints, reach: float, target: float, rng: np.random.Generator
     ) -> None:
-        """Create a planner without a tour; `reach`: lidar range [m], `target`: fraction to observe."""
         self.area, self.viewpoints = area, viewpoints
         self._reach = reach / area.walls.resolution
         self._rng = rng
@@ -39,7 +34,6 @@ class CoverPlanner:
         self._samples = np.empty((0, 2), dtype=np.int64)
         self._sees = np.empty((len(viewpoints.cells), 0), dtype=np.uint64)
         self.stops: list[int] = []
-        """Indices of the next viewpoints, in order."""
 
     def leave_out(self, viewpoint: int) -> None:
         self._used[viewpoint] = True
@@ -47,10 +41,7 @@ class CoverPlanner:
         self.stops = [stop for stop in self.stops if stop != viewpoint]
 
     def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
-        """Remove a viewpoint that the robot has visited or passed, and count missed cells.
-
-        `seen`: known cells, shape of the explorable area, bool.
-        """
+        """Remove a visited or passed viewpoint from the tour, and count its unobserved cells as missed."""
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
         if viewpoint not in self.stops[:1]:
@@ -59,9 +50,9 @@ class CoverPlanner:
         self.leave_out(viewpoint)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
-        """Update the tour of a robot at (x, y), world frame [m]; return True if the target can be reached.
+        """Plan the tour from (x, y), world frame [m]; return True if the target fraction of the area can be observed.
 
-        `seen`: known cells, shape of the explorable area, bool. `num_rounds`: see `search_tour`.
+        `seen`: mask of observed cells, shape of the explorable area, bool. `num_rounds`: rounds of the tour search.
         """
         paths = self.viewpoints.paths_from(x, y)
         if paths is None:

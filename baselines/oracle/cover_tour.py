@@ -12,31 +12,27 @@ from numba import njit
 from lidarnaut.baselines.frontier.open_tour import changed, is_shorter, tour_length
 
 MIN_SAVING = 1e-6
-"""Minimum saving of a change, above rounding errors [m]."""
 MAX_REMOVED = 8
-"""Maximum number of stops to remove at once."""
 MAX_EXCESS_LENGTH = 0.01
-"""Initial relative excess length of an accepted tour; decreases linearly to 0."""
 VALUE_NOISE = 0.4
-"""Relative amplitude of the noise on the value of viewpoints."""
 DETOUR_OFFSET = 0.2
-"""Added to detours [m], such that gains are never divided by 0."""
 
 
 class Cover(NamedTuple):
-    """Path lengths and visibility of n viewpoints; samples of the area are bits of 64-bit words."""
+    """Input of the tour search: path lengths between start and viewpoints, and the cells visible from each viewpoint.
+
+    `lengths` and `predecessors` are laid out as in `Viewpoints`.
+    """
 
     lengths: np.ndarray
-    """Path lengths between viewpoints [m], shape (n, n), float64, finite, symmetric."""
     predecessors: np.ndarray
-    """Predecessors, shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i."""
     sees: np.ndarray
-    """Samples visible from each viewpoint, one bit per sample, shape (n, words), uint64."""
+    """Cells visible from each viewpoint, one bit per cell, shape (n, words), uint64."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def ones(word):
-    """Return the number of set bits of a word (Warren, Hacker's Delight, section 5-1)."""
+    """Return the number of set bits of a 64-bit word (Warren, Hacker's Delight, section 5-1)."""
     word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
     word = (word & np.uint64(0x3333333333333333)) + ((word >> np.uint64(2)) & np.uint64(0x3333333333333333))
     word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
@@ -45,7 +41,7 @@ def ones(word):
 
 @njit(cache=True, error_model="numpy")
 def count_bits(words):
-    """Return the number of set bits of words, shape (n,), uint64."""
+    """Return the number of set bits of 64-bit words, shape (n,), uint64."""
     total = 0
     for word in words:
         total += ones(word)
@@ -54,7 +50,10 @@ def count_bits(words):
 
 @njit(cache=True, error_model="numpy")
 def add_views(cover, first, last, seen):
-    """Add the views on the path from viewpoint `first` (excluded) to `last` (included) to `seen`."""
+    """Add the cells visible along a path to `seen`, one bit per cell, shape (words,), uint64.
+
+    The path leads from viewpoint `first` to viewpoint `last`. The view from `first` is not added.
+    """
     viewpoint = last
     while viewpoint != first:
         for w in range(seen.size):
@@ -64,7 +63,10 @@ def add_views(cover, first, last, seen):
 
 @njit(cache=True, error_model="numpy")
 def seen_on(cover, known, tour):
-    """Return the samples known after a tour; `known`: samples known before, shape (words,), uint64."""
+    """Return the cells observed by the end of a tour, one bit per cell, shape (words,), uint64.
+
+    `known`: cells observed before the tour.
+    """
     seen = known.copy()
     for k in range(tour.size - 1):
         add_views(cover, tour[k], tour[k + 1], seen)
@@ -73,7 +75,10 @@ def seen_on(cover, known, tour):
 
 @njit(cache=True, error_model="numpy")
 def shorten(cover, known, target, tour):
-    """Shorten a tour by 2-opt, or-opt and removal of stops while `target` samples remain observed."""
+    """Shorten a tour by 2-opt, or-opt and removal of stops while `target` cells remain observed.
+
+    `known`: bits of cells observed before the tour, shape (words,), uint64.
+    """
     tour, has_changed = tour.copy(), True
     while has_changed:
         has_changed = False
@@ -97,9 +102,10 @@ def shorten(cover, known, target, tour):
 
 @njit(cache=True, error_model="numpy")
 def complete(cover, known, target, tour, noise, rng):
-    """Insert stops with the best ratio of gain and detour until `target` samples are observed.
+    """Insert viewpoints into a tour until it observes `target` cells, most new cells per detour first.
 
-    `noise`: maximum relative increase of a viewpoint's value. Otherwise as `search_tour`.
+    `known`: bits of cells observed before the tour, shape (words,), uint64. `noise`: maximum random increase of this
+    ratio, as a fraction. Returns the tour, and whether `target` is reached.
     """
     while True:
         seen = seen_on(cover, known, tour)
@@ -140,13 +146,13 @@ def _ruin(cover, tour, rng):
 
 @njit(cache=True, error_model="numpy")
 def search_tour(cover, known, target, tour, num_rounds, rng):
-    """Search for a short tour that observes `target` samples, or as many as possible.
+    """Search for a short tour that observes `target` cells, or as many as possible.
 
-    `known`: samples known before the tour, shape (words,), uint64. `tour`: initial tour, shape (size,), int64: start,
-    then any stops. `num_rounds`: rounds of removal and reinsertion of stops.
+    `known`: bits of cells observed before the tour, shape (words,), uint64. `tour`: viewpoint indices of the initial
+    tour, start first, shape (size,), int64. `num_rounds`: number of rounds that remove and reinsert stops.
 
     Returns:
-        Tour, shape (m,), int64, and whether it suffices.
+        Viewpoint indices of the tour, shape (m,), int64; whether `target` is reached.
     """
     tour, enough = complete(cover, known, target, tour, 0.0, rng)
     if not enough:

@@ -1,5 +1,3 @@
-"""Viewpoints on a known map."""
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,15 +13,11 @@ from lidarnaut.envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, trav
 from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
 
 MAX_VIEWPOINTS = 900
-"""Approximate number of viewpoints, which determines their spacing."""
 MIN_SPACING = 0.3
 """Minimum distance between viewpoints [m]."""
 MAX_BLOCK = 4
-"""Maximum side of the blocks for path search [cells]."""
 NUM_NEIGHBORS = 12
-"""Number of neighbors of a viewpoint."""
 MAX_DETOUR_RATIO = 1.1
-"""Maximum relative length of a path through an intermediate viewpoint."""
 
 
 def _spread_out(blocks: np.ndarray, steps: int) -> np.ndarray:
@@ -53,31 +47,30 @@ def _find_predecessors(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Viewpoints:
-    """Viewpoints, and the shortest paths between them."""
+    """Viewpoints on a map, and the shortest paths between viewpoints."""
 
     grid: OccupancyGrid
     cells: np.ndarray
-    """Cells of the viewpoints (row, column), shape (n, 2), int64."""
+    """Map cells of the viewpoints (row, column), shape (n, 2), int64."""
     lengths: np.ndarray
-    """Path lengths between viewpoints, weighted by costs [m], shape (n, n), float64, finite, symmetric."""
+    """Path lengths between viewpoints, weighted by traversal costs [m], shape (n, n), float64, finite, symmetric."""
     near: np.ndarray
-    """Nearest neighbors of each viewpoint, shape (n, k), int32."""
+    """Indices of the nearest viewpoints of each viewpoint, shape (n, k), int32."""
     predecessors: np.ndarray
-    """Predecessors, shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i."""
+    """Index of the last viewpoint before viewpoint j on the path from i, at [i, j]; shape (n, n), int32."""
     block_costs: np.ndarray
-    """Traversal costs of blocks of cells, uint8."""
+    """Traversal costs of blocks of `side` x `side` cells for path search, shape (block rows, block columns), uint8."""
     side: int
-    """Side of a block [cells]."""
 
     @property
     def points(self) -> np.ndarray:
-        """Positions of the viewpoints in the frame of the map [m], shape (n, 2)."""
         return self.grid.centers(self.cells)
 
     def paths_from(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return lengths [m] and predecessors of the shortest paths from a point to all viewpoints.
+        """Return lengths and predecessors of the shortest paths from (x, y) [m] to all viewpoints.
 
-        Both have shape (n,), float64 and int32; predecessor n is the point. None if no viewpoint is reachable.
+        Lengths: shape (n,), float64 [m]. Predecessors: index of the last viewpoint before the end of each path, or n
+        for the start, shape (n,), int32. Returns None if no viewpoint is reachable.
         """
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:
@@ -108,7 +101,7 @@ def _path_lengths(
 
 
 def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints | None:
-    """Place viewpoints in the area of a map reachable from (x, y) [m]; None if the robot is enclosed."""
+    """Place viewpoints in the area reachable from `start` (x, y), world frame [m]; None if no cell is reachable."""
     field = travel_field(costmap, start)
     if field is None:
         return None
@@ -162,10 +155,10 @@ def _views(free, cells, reach, sample_of, num_words):
 
 
 def views_from(free: np.ndarray, cells: np.ndarray, reach: float, samples: np.ndarray) -> np.ndarray:
-    """Return the samples visible from cells for a 360 degree lidar of range `reach` [cells].
+    """Return the cells visible from viewpoints with a 360 degree lidar.
 
-    `free`: free cells, shape (height, width), bool. `cells`, `samples`: cells (row, column), shapes (n, 2) and (s, 2),
-    int64.
+    `free`: mask of free cells, shape (height, width), bool. `cells`: viewpoints, shape (n, 2), `samples`: cells to
+    observe, shape (s, 2), both (row, column), int64. `reach`: lidar range [cells].
 
     Returns:
         Visibility, shape (n, ceil(s / 64)), uint64: bit i % 64 of word i // 64 for sample i.
@@ -177,12 +170,12 @@ def views_from(free: np.ndarray, cells: np.ndarray, reach: float, samples: np.nd
 
 
 def pack_bits(flags: np.ndarray) -> np.ndarray:
-    """Pack flags, shape (s,), bool, into words as `views_from` does, shape (ceil(s / 64),), uint64."""
+    """Pack flags into 64-bit words, lowest bit first, shape (ceil(s / 64),), uint64; `flags`: shape (s,), bool."""
     padded = np.pad(flags, (0, -len(flags) % 64))
     words: np.ndarray = np.packbits(padded, bitorder="little").view("<u8").astype(np.uint64)
     return words
 
 
 def unpack_bits(words: np.ndarray, num_flags: int) -> np.ndarray:
-    """Unpack the words of `pack_bits` into flags, shape (num_flags,), bool."""
+    """Unpack 64-bit words, lowest bit first, into flags, shape (num_flags,), bool."""
     return np.unpackbits(words.astype("<u8").view(np.uint8), count=num_flags, bitorder="little").astype(bool)

@@ -1,5 +1,3 @@
-"""Explorer that uses ground truth and drives a short coverage tour."""
-
 import numpy as np
 
 from lidarnaut.baselines.frontier.rules import NearestExplorer
@@ -15,31 +13,27 @@ from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.coverage import Coverage
 
 DECISION_PERIOD = 1.0
-"""Time between two updates of the tour [s]."""
+"""Time between two updates of the tour of viewpoints [s]."""
 NUM_FIRST_ROUNDS = 300
-"""Number of search rounds for the first tour; see `search_tour`."""
 NUM_ROUNDS = 4
-"""Number of search rounds for later tours; see `search_tour`."""
 LOOKAHEAD = 3.0
-"""Maximum distance of a path goal along the tour [m]."""
+"""Paths lead to the first viewpoint at least this far ahead on the tour, but not beyond the next stop [m]."""
 ARRIVAL_RADIUS = 0.15
-"""Maximum distance from a stop that counts as reached [m]."""
+"""Distance from a viewpoint within which the viewpoint counts as visited [m]."""
 REACH_MARGIN = 0.1
-"""Reduction of the lidar range in plans [m]."""
+"""Reduction of the lidar range assumed in tour planning [m]."""
 GOAL_TOLERANCE = 0.4
-"""Maximum distance between a stop and the end of its path [m]."""
+"""Maximum distance between a viewpoint and the end of the path to this viewpoint [m]."""
 
 
 class TrueMap:
-    """True map in the map frame, used to complete an estimated map."""
+    """True map, transformed to the map frame, which fills unknown cells of an estimated map."""
 
     def __init__(self, walls: OccupancyGrid, start: Pose2D) -> None:
-        """Store the true map, world frame, and the pose of the map frame."""
         self._walls, self._start = walls, start
         self._grid: OccupancyGrid | None = None
 
     def complete(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return an estimated map with the true values of unknown cells, in the extent of the true map."""
         truth = self._aligned(grid)
         shift = np.rint((np.array(grid.origin) - truth.origin)[::-1] / truth.resolution).astype(int)
         low = np.maximum(shift, 0)
@@ -70,7 +64,10 @@ class TrueMap:
 
 
 class OracleExplorer:
-    """Explorer that plans tours on the true map, and paths on the map completed by it; a `PrivilegedPolicy`."""
+    """Explorer that knows the true map and drives a short tour that observes the area.
+
+    Paths are planned on the estimated map, with true values in unknown cells.
+    """
 
     def __init__(self) -> None:
         self._rest = NearestExplorer()

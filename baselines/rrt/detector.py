@@ -1,6 +1,6 @@
 """Frontier detection by random trees and a mean-shift filter (Nguyen et al. 2022, section 2.1.2).
 
-The kernels are about 200 times faster than scikit-learn's `MeanShift`.
+The mean shift is about 200 times faster than scikit-learn's `MeanShift`.
 """
 
 from collections.abc import Sequence
@@ -16,41 +16,44 @@ from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.navigation.frontiers import information_gain
 
 MAX_ITERATIONS = 300
-"""Maximum number of mean-shift iterations, as in scikit-learn."""
 TOLERANCE = 1e-3
-"""Mean-shift step at convergence, as a fraction of the bandwidth, as in scikit-learn."""
+"""Mean-shift step at convergence, as a fraction of the bandwidth."""
 
 
 @dataclass(frozen=True, slots=True)
 class RrtParams:
-    """Parameters; defaults from the launch file of Nguyen et al. (2022), their program, or ours."""
+    """Parameters of exploration by random trees.
+
+    Defaults are from the launch file of Nguyen et al. (2022), except for `bandwidth` and `min_gain` (their program),
+    `num_samples`, `spacing`, `margin` and `patience`.
+    """
 
     eta_local: PositiveFloat = 1.0
-    """Maximum step of the local tree [m]; launch file."""
+    """Maximum step length of the local tree, which restarts at the robot [m]."""
     eta_global: PositiveFloat = 15.0
-    """Maximum step of the global tree [m]; launch file for one robot (1 m for three robots)."""
+    """Maximum step length of the global tree, which never restarts [m]."""
     bandwidth: PositiveFloat = 0.3
-    """Bandwidth of the mean shift [m]; program."""
+    """Kernel radius of the mean shift that merges frontier points [m]."""
     info_radius: PositiveFloat = 1.0
-    """Radius of the information gain around a point [m]; launch file."""
+    """Radius of the information gain (unknown area) around a frontier point [m]."""
     min_gain: PositiveFloat = 0.2
-    """Minimum unknown area within half of `info_radius` [m2], else a point is stale; program."""
+    """Minimum unknown area within half of `info_radius` of a frontier point; other points are discarded [m2]."""
     max_cost: PositiveFloat = 70.0
-    """Maximum cost of a valid point, in ROS's scale: 99 for contact with an obstacle [percent]; launch file."""
+    """Maximum costmap cost at a frontier point, on ROS's scale from 0 (free) to 99 (contact with an obstacle)."""
     info_multiplier: PositiveFloat = 3.0
-    """Path length per unit of gain, lambda [1/m]; launch file."""
+    """Weight of information gain (unknown area) relative to path length, lambda [1/m]."""
     hysteresis_radius: PositiveFloat = 3.0
-    """Radius around the robot for multiplying gains by `hysteresis_gain` [m]; launch file."""
+    """Radius around the robot within which information gain is multiplied by `hysteresis_gain` [m]."""
     hysteresis_gain: PositiveFloat = 2.0
-    """Factor on gains within `hysteresis_radius`; launch file."""
+    """Factor on information gain within `hysteresis_radius` of the robot, greater than 1."""
     num_samples: PositiveInt = 200
-    """Number of samples per tree and control step; ours (program: 10 in 0.1 s)."""
+    """Number of random samples per tree and control step."""
     spacing: PositiveFloat = 0.3
-    """Minimum distance of a new vertex from the nearest vertex [m]; ours."""
+    """Minimum distance of a new vertex from the nearest vertex of a tree [m]."""
     margin: PositiveFloat = 1.0
-    """Margin of the sampling region around the observed area [m]; ours."""
+    """Margin of the sampling region around the observed area [m]."""
     patience: PositiveInt = 100
-    """Number of control steps without an assignable point before exploration ends; ours."""
+    """Number of control steps without an assignable frontier point after which exploration ends."""
 
     def __post_init__(self) -> None:
         if not self.hysteresis_gain > 1:
@@ -60,7 +63,7 @@ class RrtParams:
 
 
 TEAM_PARAMS = RrtParams(eta_global=1.0)
-"""Parameters in the published launch file for three robots."""
+"""Parameters in the launch file for three robots (Nguyen et al. 2022)."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -98,10 +101,10 @@ def _suppress_near(means, bandwidth):
 
 
 def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
-    """Cluster points, shape (n, 2), float64 [m], by flat-kernel mean shift (Comaniciu and Meer 2002).
+    """Cluster points by mean shift with a flat kernel (Comaniciu and Meer 2002).
 
-    `bandwidth`: kernel radius, and minimum distance between centers [m]. Returns centers, shape (k, 2), float64 [m],
-    the densest first.
+    `points`: shape (n, 2), float64 [m]. `bandwidth`: kernel radius, and minimum distance between cluster centers [m].
+    Returns cluster centers, densest first, shape (k, 2), float64 [m].
     """
     means, counts = _converge(points[np.argsort(points[:, 0], kind="stable")], bandwidth)
     means = means[np.lexsort((means[:, 1], means[:, 0], counts))[::-1]]
@@ -109,17 +112,17 @@ def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
 
 
 class RrtDetector:
-    """Local trees, a global tree, and the filter of their frontier points."""
+    """Frontier detector with a local random tree per robot and a global tree."""
 
     def __init__(self, params: RrtParams, rng: np.random.Generator) -> None:
         self._params, self._rng = params, rng
         self.trees: list[Tree] = []
-        """Local trees, then the global tree; empty before the first detection."""
+        """Local tree of each robot, then the global tree."""
         self.points = np.empty((0, 2))
-        """Filtered frontier points, shape (n, 2), float64, map frame [m]."""
+        """Frontier points merged by mean shift, shape (n, 2), float64, map frame [m]."""
 
     def detect(self, grid: OccupancyGrid, robots: Sequence[tuple[float, float]]) -> None:
-        """Grow the trees for one control step, and filter their frontier points.
+        """Grow the trees for one control step, and update the frontier points.
 
         `robots`: positions (x, y), map frame [m].
         """

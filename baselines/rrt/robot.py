@@ -1,5 +1,3 @@
-"""Team robot for exploration by random trees."""
-
 import numpy as np
 
 from lidarnaut.baselines.rrt.detector import RrtParams
@@ -10,7 +8,7 @@ from lidarnaut.envs.robots import RobotParams
 
 
 class RrtRobot(TeamRobot):
-    """Offers the frontier cell nearest to each valid frontier point."""
+    """Drives to frontier cells near the frontier points of random trees."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: RrtParams, index: int) -> None:
         super().__init__(robot, control_period, index, patience=params.patience)

@@ -1,8 +1,9 @@
-"""Explorers of Nguyen et al. (2022): random trees find frontier points, revenues assign the points to robots.
+"""Explorers that assign the frontier points of random trees to robots.
 
 Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022), after Umari and Mukhopadhyay, "Autonomous Robotic Exploration
-Based on Multiple Rapidly-exploring Randomized Trees" (2017). Unlike in their program, samples come from the observed
-area, navigation costs are path lengths, and exploration ends after `patience` steps without an assignable point.
+Based on Multiple Rapidly-exploring Randomized Trees" (2017). Unlike in the program of 2022, samples come from the
+observed area, navigation costs are path lengths, and exploration ends after `patience` steps without an assignable
+point.
 """
 
 import math
@@ -23,7 +24,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 TAKEN_RADIUS = 0.4
-"""Minimum distance of an assigned point from the targets of other robots [m]."""
+"""Minimum distance of an assigned frontier point from the frontiers of other robots [m]."""
 
 
 def assign(
@@ -34,16 +35,17 @@ def assign(
     params: RrtParams,
     taken: np.ndarray = NO_POINTS,
 ) -> np.ndarray:
-    """Assign points by descending revenue until robots or points are used up (section 2.1.3).
+    """Assign frontier points to robots by descending revenue (Nguyen et al. 2022, section 2.1.3).
 
-    The revenue is R = lambda h(x_fp, x_r) I(x_fp) - N(x_fp), with lambda = `info_multiplier`, and h = `hysteresis_gain`
-    within `hysteresis_radius` and 1 beyond. Unknown cells near assigned points do not count again.
+    The revenue is R = lambda h(x_fp, x_r) I(x_fp) - N(x_fp), with unknown area I around point x_fp, path cost N, robot
+    position x_r, and lambda = `info_multiplier`. h is `hysteresis_gain` within `hysteresis_radius` and 1 beyond.
+    Unknown cells near assigned points do not count again.
 
-    `robots`: positions x_r, shape (n, 2). `points`: frontier points x_fp, shape (m, 2). `taken`: points of other
-    robots, shape (k, 2), all map frame [m]. `costs`: path costs N [m], shape (n, m), inf without a path.
+    `robots`: positions, shape (n, 2). `points`: frontier points, shape (m, 2). `taken`: points of other robots, shape
+    (k, 2), all map frame [m]. `costs`: path costs [m], shape (n, m), inf without a path.
 
     Returns:
-        Index of the point of each robot, shape (n,), int64, or `UNASSIGNED`.
+        Index of the point of each robot, shape (n,), int64, -1 for none.
     """
     chosen = np.full(len(robots), UNASSIGNED, dtype=np.int64)
     gains = information_gain(grid, points, params.info_radius)
@@ -65,7 +67,7 @@ def assign(
 
 
 class RrtTeam(TeamExplorer):
-    """Explores with a team by frontier points of random trees."""
+    """Drives a team of robots to frontier points found by random trees."""
 
     def __init__(self, params: RrtParams = TEAM_PARAMS) -> None:
         super().__init__(period=math.inf)
@@ -115,9 +117,10 @@ class RrtTeam(TeamExplorer):
 
 
 def open_goals(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return frontiers, shape (k, 2), map frame [m], path costs [m] and indices of assignable candidates.
+    """Return position, path cost and index of each reachable frontier that no drive has failed to reach.
 
-    Failed candidates are assignable only without others.
+    Positions: shape (k, 2), map frame [m]. Path costs: shape (k,) [m]. Indices: shape (k,). If drives to all frontiers
+    have failed, all are returned.
     """
     indices = np.flatnonzero(candidates["failures"] == 0)
     if len(indices) == 0:
@@ -126,7 +129,7 @@ def open_goals(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 class RrtExplorer(RrtTeam):
-    """Explores with one robot by frontier points of random trees."""
+    """Drives one robot to frontier points found by random trees."""
 
     is_team = False
 

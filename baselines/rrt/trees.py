@@ -1,7 +1,7 @@
 """Rapidly-exploring random trees that find frontiers.
 
-Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017). The first cell of a step is not checked: new
-obstacles on a vertex would block all samples around it.
+Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017). Obstacles in the first cell of a step are ignored,
+because a new obstacle on a vertex would block all samples around the vertex.
 """
 
 import math
@@ -14,14 +14,14 @@ from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 
 UNKNOWN_AHEAD, BLOCKED, CLEAR = -1, 0, 1
-"""Results of `grid_check`: unknown space first, obstacle first, or all cells free."""
+"""Results of checking cells along a line: unknown first, obstacle first, or all free."""
 
 
 @njit(cache=True, error_model="numpy")
 def nearest(vertices, count, x, y):
-    """Return the index of the vertex nearest to (x, y) among the first `count` > 0.
+    """Return the index of the tree vertex nearest to the point (x, y).
 
-    `vertices`: shape (2, capacity), float32.
+    `vertices`: coordinates, shape (2, capacity), float32 [cells]. Only the first `count` > 0 columns are used.
     """
     xs, ys = vertices[0, :count], vertices[1, :count]
     best, index = np.float32(np.inf), 0
@@ -44,7 +44,7 @@ def nearest(vertices, count, x, y):
 
 @njit(cache=True, error_model="numpy")
 def steer(x0, y0, x, y, eta):
-    """Return the point nearest to (x, y) within `eta` [m] of (x0, y0)."""
+    """Return the point nearest to (x, y) within a distance `eta` of (x0, y0), all in cells."""
     length = math.hypot(x - x0, y - y0)
     if length <= eta:
         return x, y
@@ -53,13 +53,13 @@ def steer(x0, y0, x, y, eta):
 
 @njit(cache=True, error_model="numpy")
 def grid_check(data, u0, v0, u1, v1):
-    """Find the first unknown or occupied cell on a line, without its first cell.
+    """Find the first unknown or occupied cell on a line, except for the cell at the start.
 
-    `data`: occupancy, shape (height, width), int8; cells outside are unknown. The line leads from (`u0`, `v0`) to
-    (`u1`, `v1`), (column, row) [cells].
+    `data`: occupancy [percent], -1 if unknown, shape (height, width), int8. `u0`, `v0`, `u1`, `v1`: start and end
+    (column, row) [cells]. Cells outside the map are unknown.
 
     Returns:
-        `UNKNOWN_AHEAD`, `BLOCKED` or `CLEAR`; center (column, row) of the cell found, or end of the line.
+        `UNKNOWN_AHEAD`, `BLOCKED` or `CLEAR`; center of the found cell or end of the line (column, row).
     """
     height, width = data.shape
     walk = start_walk(u0, v0, u1, v1)
@@ -75,10 +75,12 @@ def grid_check(data, u0, v0, u1, v1):
 
 @njit(cache=True, error_model="numpy")
 def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
-    """Grow a tree by samples (column, row), shape (n, 2), in order (algorithm 2.1); lengths in cells.
+    """Grow a random tree towards each sample in turn (Nguyen et al. 2022, algorithm 2.1).
 
-    A tree with `resets` restarts at `robot` (column, row) after each frontier point. `vertices`: shape (2, capacity),
-    float32, written after the first `count`. `found`: frontier points (column, row), shape (n, 2), float64, written.
+    All lengths are in cells. `samples`: (column, row), shape (n, 2). `eta`: maximum step. `spacing`: minimum distance
+    between vertices. `resets`: whether the tree restarts at `robot` after each frontier point. `vertices`: tree with
+    `count` vertices, shape (2, capacity), float32; new vertices are appended. `found`: output for frontier points,
+    shape (n, 2), float64.
 
     Returns:
         Number of vertices, and number of frontier points.
@@ -102,22 +104,17 @@ def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
 
 
 class Tree:
-    """Tree that grows through free space and reports steps into unknown space."""
+    """Random tree that grows through free space. Steps into unknown space yield frontier points."""
 
     def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
-        """Create a tree with its root at (x, y), map frame [m].
-
-        `eta`: maximum step [m]. `spacing`: minimum distance between vertices [m]. `resets`: whether the tree restarts
-        at the robot after each frontier point.
-        """
         self._eta, self._spacing, self._resets = eta, spacing, resets
         self.vertices = np.array([root], dtype=np.float64)
-        """Vertices, shape (n, 2), float64, map frame [m]; the root is the first."""
+        """Positions of the tree's vertices, root first, shape (n, 2), float64, map frame [m]."""
 
     def grow(self, grid: OccupancyGrid, samples: np.ndarray, robot: tuple[float, float]) -> np.ndarray:
-        """Grow by samples and return the frontier points found, all of shape (n, 2), float64, map frame [m].
+        """Grow the tree towards samples, and return the frontier points found.
 
-        `robot`: position (x, y), map frame [m].
+        `samples`, result: positions, shape (n, 2), float64, map frame [m]. `robot`: position (x, y), map frame [m].
         """
         count, scale, origin = len(self.vertices), grid.resolution, np.array(grid.origin)
         vertices = np.empty((2, count + len(samples)), dtype=np.float32)

@@ -1,1 +1,1 @@
-"""Exploration by teams."""
+"""Exploration by teams of robots."""

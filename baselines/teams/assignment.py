@@ -14,36 +14,34 @@ from lidarnaut.envs.navigation import Candidates, GainOverCost
 from lidarnaut.envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
 
 COVER_RADIUS = 2.0
-"""Radius of the frontiers that a stop covers [m]."""
+"""Radius around a tour stop within which frontiers need no other stop [m]."""
 MAX_STOPS = 32
-"""Maximum number of stops of all tours, the cheapest first."""
 WORK_PER_AREA = 0.3
-"""Path length that counts for a unit of unknown area at a stop [1/m]."""
+"""Exploration work at a tour stop per unknown area, expressed as path length [m/m2]."""
 STOP_HYSTERESIS = 6.0
-"""Length subtracted for the current stop of a robot, against oscillation [m]."""
+"""Length subtracted from the path to a robot's current stop, against oscillation between stops [m]."""
 
 
 class Assignment(Protocol):
-    """Function that assigns frontier candidates to robots."""
+    """Function that assigns candidates (reachable frontiers) to robots."""
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> Sequence[int]:
-        """Return the candidate index of each robot, or `UNASSIGNED`.
+        """Return the index of each robot's candidate (reachable frontier), -1 for none.
 
-        `offers` and `beliefs` are those of the robots to be assigned. `taken`: frontiers of other robots, shape (k, 2),
-        map frame [m].
+        `offers`: candidates of each robot. `taken`: frontiers of other robots, shape (k, 2), map frame [m]. `beliefs`:
+        estimated pose and map of each robot.
         """
 
 
 class Auction:
-    """Sequential single-item auction of frontiers, with the scores of a rule as bids.
+    """Sequential single-item auction of frontiers among robots, with frontier scores as bids.
 
     Zlot, Stentz, Dias, Thayer, "Multi-robot exploration controlled by a market economy" (2002); Koenig et al., "The
-    power of sequential single-item auctions for agent coordination" (2006). Gains near assigned frontiers are
-    discounted (`discount`).
+    power of sequential single-item auctions for agent coordination" (2006). Each sale lowers the gain of nearby
+    frontiers.
     """
 
     def __init__(self, rule: FrontierRule | None = None, overlap: float = OVERLAP) -> None:
-        """Create an auction with a rule and the overlap distance of views [m]."""
         self._rule, self._overlap = rule or GainOverCost(), overlap
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> list[int]:
@@ -66,7 +64,7 @@ class Auction:
 
 
 class MinMaxTours:
-    """Plans tours past all frontiers with a short longest tour; robots drive to their first stops.
+    """Assigns each robot the first stop of a tour; the tours visit all frontiers, and the longest is kept short.
 
     Min-max multiple travelling salesman problem: Faigl, Kulich, Preucil, "Goal assignment using distance cost in
     multi-robot exploration" (2012).
@@ -107,10 +105,12 @@ class MinMaxTours:
 
 
 def cover(table: np.ndarray) -> tuple[list[int], np.ndarray]:
-    """Select stops from the candidates of all robots, shape (n,), `CANDIDATE`: the cheapest uncovered first.
+    """Select tour stops, in the order of path cost, until each frontier is near a stop.
+
+    `table`: candidates (reachable frontiers) of all robots, shape (n,), dtype `CANDIDATE`.
 
     Returns:
-        Candidate indices of the stops; stop of each candidate, shape (n,), int64, -1 if uncovered.
+        Candidate indices of the stops; stop of each candidate, shape (n,), int64, -1 for none.
     """
     stops, stop_of = list[int](), np.full(len(table), -1)
     is_left = table["failures"] == table["failures"].min()

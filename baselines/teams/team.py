@@ -1,5 +1,3 @@
-"""Explorer of teams."""
-
 import math
 from collections.abc import Sequence
 
@@ -14,19 +12,20 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 PERIOD = 1.0
-"""Time between assignments of all robots [s]."""
+"""Time between assignments of frontiers to all robots [s]."""
 
 
 class TeamExplorer:
-    """Explores with one or several robots by an assignment rule and pursuit driving."""
+    """Assigns frontiers to one or several robots, and steers each robot along its path."""
 
     is_team = True
     plan = None
 
     def __init__(self, rule: Assignment | None = None, *, period: float = PERIOD) -> None:
-        """Create a team with a rule, evaluated every `period` [s] and when a robot needs a frontier.
+        """Create a team with a rule that assigns frontiers to robots.
 
-        An infinite `period` assigns only robots that need a frontier.
+        All robots are assigned every `period` [s], and when one needs a frontier. With an infinite `period`, only
+        robots that need a frontier are assigned.
         """
         self.rule, self.period = rule, period
         self._navigator: TeamNavigator | None = None
@@ -46,11 +45,9 @@ class TeamExplorer:
 
     @property
     def targets(self) -> list[tuple[float, float] | None]:
-        """Target frontier (x, y) of each robot, map frame [m], or None."""
         return [] if self._navigator is None else self._navigator.targets
 
     def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
-        """Return the twist of each robot; all beliefs share one map."""
         if not self._is_reset:
             raise RuntimeError("call reset before act")
         if self._navigator is None:
@@ -76,7 +73,7 @@ class TeamExplorer:
         return TeamRobot(self._robot, self._control_period, index)
 
     def _look(self, team: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> None:
-        """Update shared data."""
+        """Hook to update data that all robots share, such as random trees."""
 
     def _assign(self, due: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> Sequence[int]:
         assert self.rule is not None

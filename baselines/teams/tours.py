@@ -1,12 +1,10 @@
-"""Open tours of several robots past all stops."""
+"""Open tours (without return) of several robots past all stops."""
 
 import numpy as np
 from numba import njit
 
 SUM_WEIGHT = 0.1
-"""Weight of the sum of all tour lengths relative to the longest tour."""
 MAX_ROUNDS = 20
-"""Maximum number of rounds of moving stops."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -41,13 +39,13 @@ def _insert(starts, between, work, tours, totals, stop):
 
 @njit(cache=True, error_model="numpy")
 def min_max_tours(starts, between, work):
-    """Distribute stops over robots such that the longest tour is short.
+    """Distribute m stops over n robots such that the longest tour is short.
 
     `starts`: path lengths from robots to stops [m], shape (n, m). `between`: path lengths between stops [m], shape (m,
     m), symmetric. `work`: additional cost of each stop [m], shape (m,). All are float64.
 
     Returns:
-        Tours, shape (n, m), int64: indices of stops in order, then -1.
+        Stop indices on the tour of each robot, in order, then -1: shape (n, m), int64.
     """
     num, count = starts.shape
     tours, totals = np.full((num, count), -1, dtype=np.int64), np.zeros(num)
