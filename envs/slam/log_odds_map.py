@@ -99,12 +99,12 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
-    """Insert scans into all map resolutions; return the number of cells that only the last scan has observed.
+    """Insert scans into all map resolutions; return the number of finest cells first observed by the last scan.
 
     `words` (packed cells, int32) and `levels` (occupancies, int8 [percent]) are tuples of arrays, finest first.
     `ranges`: shape (n, num_beams), float32 [m]. `poses`: base poses, shape (n, 3), map frame [m, m, rad]. `stamp`:
-    number of the first scan; numbers must be unused. `new_cells` receives row and column, shape (n, 2), int32. See
-    `beam_ends`.
+    number of the first scan; numbers must be unused. `new_cells` receives their row and column, shape (n, 2), int32.
+    See `beam_ends`.
     """
     num_new, width = 0, words[0].shape[1]
     for i in range(ranges.shape[0]):
@@ -157,7 +157,7 @@ class LogOddsMap(GrowingMap):
         """Insert 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m], into the map.
 
         `poses`: base poses, shape (n, 3), float64, map frame. Returns the block of observed cells, and the number of
-        cells that only the last scan has observed.
+        cells first observed by the last scan.
         """
         window = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:

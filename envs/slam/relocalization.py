@@ -37,14 +37,15 @@ MAX_EVALUATIONS = 500_000
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 """Half width [m] and half angle [rad] of the fine search around a coarse result."""
 NEAR_DISTANCE = 2.0
-"""A relocalized pose this near the odometry pose needs only `NEAR_EVIDENCE` [m]."""
+"""Relocalized poses within this distance of the odometry pose need less evidence, `NEAR_EVIDENCE` [m]."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
 """Evidence to accept a relocalized pose near the odometry pose, and elsewhere; maximum evidence per search. Evidence is
 the lead in fit over the best alternative pose, summed over searches."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
 """Distance [m] and angle [rad] below which two found poses count as the same."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
-"""Minimum distance [m] or angle [rad] of an alternative pose from a found pose, and maximum score deficit."""
+"""Alternative poses in the ambiguity test: minimum distance [m] or angle [rad] from a found pose, maximum score
+deficit."""
 LEAST_LEAD = 0.05
 """Minimum lead in fit of the best pose over alternatives. Fit: fraction of scan points on walls, minus points in free
 space and beams through walls."""

@@ -8,8 +8,8 @@ from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
-"""Initial sideways position in a grid line traversal, just below half a cell (32 fractional bits). At ties, the line
-stays in its row or column."""
+"""Initial sideways position of a line traced through grid cells, just below half a cell (32 fractional bits). At ties,
+the line stays in its row or column."""
 
 
 class ScanGeometry(NamedTuple):

@@ -72,7 +72,8 @@ class TinySlamParams(SlamParams):
     match_every_scan: bool = True
     """Match every scan instead of only scans after a minimum motion."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
-    """Frame of odometry motions. "odometry_frame" (original program) is wrong if odometry and map frame are rotated."""
+    """Reference frame of odometry displacements. "odometry_frame" (original program) is wrong if rotated against the
+    map."""
     min_travel_distance: NotNegative = 0.0
     min_travel_angle: NotNegative = 0.0
     resolution: Positive = 0.1
@@ -96,9 +97,9 @@ class MatchingParams(SlamParams):
     """Turn between matched scans above which an exhaustive search runs first [rad]; None for never."""
     retry_below: Share = 0.5
     """A wider search runs if the mean occupancy of known cells at the scan points is below this; 0 for never. In
-    GMapping, this must hold for half of the particle weight."""
+    GMapping, half of the particles (by weight) must be below."""
     retry_distance: Positive = 0.8
-    """Half width of the wider search after a poor match [m]; in GMapping, also maximum distance from odometry."""
+    """Half width of the wider search after a poor match [m]; in GMapping, also maximum correction of odometry."""
     retry_angle: Positive = 0.35
     """Half angle of the wider search after a poor match [rad]."""
     retry_gain: NotNegative = 0.05

@@ -18,7 +18,7 @@ TILE_BITS = 5
 TILE = 1 << TILE_BITS
 """Side of a map tile [cells of the finest resolution]."""
 EMPTY = 0
-"""Slot number of the tile of unknown cells, shared and read-only."""
+"""Pool slot with the tile of unknown cells, shared and read-only."""
 
 
 class TilePool(NamedTuple):
@@ -29,7 +29,7 @@ class TilePool(NamedTuple):
     occupancy: np.ndarray
     """Occupancies of each tile, shape (capacity, cells), int8 [percent]."""
     references: np.ndarray
-    """Number of maps that use each slot, shape (capacity,), int32; 0 for the unknown tile."""
+    """Number of maps that use each tile, shape (capacity,), int32; 0 for tile `EMPTY` (unknown cells)."""
     written: np.ndarray
     """Index of the last scan that changed each tile, shape (capacity,), int64."""
     free: np.ndarray
@@ -39,7 +39,7 @@ class TilePool(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def level_start(level):
-    """Return the position of a map resolution's first cell in the cell array of a tile."""
+    """Return the start index of a map resolution in a tile's cells, finest resolution first."""
     whole = 4 << (2 * TILE_BITS)
     return (whole - (whole >> (2 * level))) // 3
 
@@ -86,9 +86,9 @@ def own_tile(pool, index, tile, number):
 
 
 def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
-    """Replace each map by a copy of map `parents[i]`.
+    """Replace each map i by a copy of map `parents[i]`, with shared tiles.
 
-    `index`: slot numbers of all maps, shape (num_maps, num_tiles), int32. `parents`: shape (num_maps,), int64.
+    `index`: pool slots of the tiles, shape (num_maps, num_tiles), int32. `parents`: shape (num_maps,), int64.
     """
     index[:] = index[parents]
     used = pool.references > 0

@@ -26,8 +26,7 @@ HALF_ANGLE, HALF_ANGLE_GROWTH, MAX_HALF_ANGLE = 0.1, 0.015, 0.6
 """Half angle of a loop-closure search: minimum [rad], growth per metre of path between the scans [rad/m], maximum
 [rad]."""
 MAX_DISTANCE = 4.0
-"""Maximum distance from a scan to a submap's nearest scan for a loop-closure search [m]; a quarter of the search width
-is added."""
+"""Maximum distance to a submap's nearest scan for a loop-closure search [m], plus half of the search's half width."""
 MAX_UNCONFIRMED = 0.25
 """Maximum position correction of a loop closure that needs no confirmation [m]."""
 CONFIRMATION_NODES, CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE = 25, 0.2, 0.05
@@ -195,7 +194,7 @@ def refine_in_field(field: Field, points: np.ndarray, pose: Pose2D, iterations: 
 
 
 class Confirmation:
-    """Filter that holds a large loop closure back until another agrees."""
+    """Filter that accepts loop closures with large position corrections only in agreeing pairs."""
 
     def __init__(self) -> None:
         self._pending: list[Loop] = []

@@ -113,7 +113,7 @@ class MapRendering:
 
 
 def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
-    """Replace the current map `live` by the content of a rebuilt map; return all known cells as changed."""
+    """Replace the content of the current map `live` by a rebuilt map; return a map update with all known cells."""
     live.take_cells(other)
     window = Window(0, 0, *live.grid.data.shape)
     return MapUpdate(known_cells(live.grid.data), window, redrawn=True, origin=live.grid.origin, correction=correction)

@@ -16,7 +16,7 @@ from lidarnaut.envs.geometry.lookup import load
 from .fields import FULL_PERCENT, Pyramid
 
 NO_EXCLUSION = (0.0, 0.0, 0.0, -1.0, -1.0)
-"""Exclusion region without poses: x, y [m], heading [rad], radius [m], half angle [rad]."""
+"""Empty region of excluded poses: x, y [m], heading [rad], radius [m], half angle [rad]."""
 NO_RANK = np.iinfo(np.int64).max
 
 
@@ -100,7 +100,7 @@ def discretise(pyramid, points, pose, window, shift):
 
 @njit(cache=True, error_model="numpy")
 def total_at(level, grid, turn, offset):
-    """Return the sum of map values at the scan points, for a heading index `turn` and a shift of flat cell indices."""
+    """Return the sum of map values at the scan points at tested heading `turn`, shifted by `offset` flat cells."""
     total = 0
     cells = grid.cells[turn]
     for k in range(grid.counts[turn]):

@@ -95,8 +95,7 @@ def predict_covariance(p, dx, dy, position_std, heading_std):
 def correct_covariance(p, fit, num_points, residual_variance, resolution):
     """Correct a pose covariance by a scan match, in place: P <- (P^-1 + H / k)^-1.
 
-    H is the Hessian of `fit`, k the residual variance, `resolution` the cell side [m]. Returns det P after divided by
-    det P before.
+    H is the Hessian of `fit`, k the residual variance, `resolution` the cell side [m]. Returns new det P / old det P.
     """
     xx, xy, xt, yy, yt = without_noise(fit.h_xx, fit.h_xy, fit.h_xt, fit.h_yy, fit.h_yt, NOISE_PER_HIT * num_points)
     information = p.copy()

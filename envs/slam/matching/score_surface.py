@@ -22,7 +22,8 @@ POINT_STEP = 4
 TEMPERATURE = 0.03
 """Score difference that multiplies the likelihood of a pose by e."""
 STEP_STDS = np.array([0.06, 0.06, 0.015])
-"""Standard deviations of a pose due to the spacing of scored poses [m, m, rad], removed from the covariance."""
+"""Standard deviations that the spacing of scored poses adds to a match [m, m, rad]; their squares are subtracted from
+its covariance."""
 LEAST_STDS = np.array([0.03, 0.03, 0.008])
 """Minimum standard deviations of a match [m, m, rad]; their squares are added to the covariance."""
 MAX_SHARE = 0.99

@@ -54,7 +54,6 @@ class GrowingArray:
 
     @property
     def rows(self) -> np.ndarray:
-        """View of the appended rows, valid until the next append."""
         return self._rows[: self._count]
 
 
