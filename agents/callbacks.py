@@ -42,7 +42,6 @@ class RunCallback(BaseCallback):
         self._rollout_steps = rollout_steps(config)
         self._has_news = False
         self._latest: Checkpoint | None = None
-        """Training state before the current rollout, for on-policy algorithms."""
 
     def save(self) -> str:
         """Save the latest resumable state as a checkpoint; return a message with the options to resume."""

@@ -141,7 +141,8 @@ class CheckpointConfig(Section):
     """Interval and number of saved checkpoints."""
 
     every: Count = 20_000
-    """Maximum number of environment steps between checkpoints; at least the steps between two updates."""
+    """Maximum number of environment steps between checkpoints. Must not be less than the steps between two policy
+    updates."""
     keep: int = Field(default=3, ge=2)
     """Number of newest checkpoints to keep."""
 

@@ -52,7 +52,7 @@ def check_rows(rows: Sequence[Row]) -> None:
 
 
 def headline_of_rows(rows: Sequence[Row]) -> str:
-    """Return the column of the headline (main) measure in an evaluation table: the measure with quartiles."""
+    """Return the name of the headline (main) measure in an evaluation table; only this measure has quartiles."""
     return next((name.removesuffix("_q25") for name in rows[0] if name.endswith("_q25")), "*_q25")
 
 

@@ -25,7 +25,6 @@ class LearnedPolicy:
         self._actor = Actor(policy, deterministic=deterministic)
         self._record, self._name, self._deterministic = record, name, deterministic
         self.level: Level = "decision" if record.action.kind == "Discrete" else "twist"
-        """Kind of action: `twist` (velocity command) or `decision` (choice of a frontier)."""
         self.id = record.config.environment.id
         self.arguments = record.config.environment.arguments | record.config.evaluation.arguments
         self.observations = self.arguments.get("observations")

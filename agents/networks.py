@@ -74,7 +74,7 @@ class JointPolicy(ActorCriticPolicy):
     """Base of PPO and A2C policies with one network for action distribution and state value."""
 
     def judge(self, obs: Tensors) -> tuple[Distribution, Tensor]:
-        """Return the action distribution, and state values, shape (batch, 1), float32."""
+        """Return the action distribution for observations, and state values, shape (batch, 1), float32."""
         raise NotImplementedError
 
     def forward(self, obs: Tensors, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:  # type: ignore[override]

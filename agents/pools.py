@@ -112,9 +112,9 @@ def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
 
 
 def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryDirectory[str] | None:
-    """Change the working folder to `folder`, or to a temporary one if `folder` lacks one of `files` (content by path).
+    """Enter the working folder of the calling process, or a temporary copy if files are missing or different here.
 
-    Returns the temporary folder, or None.
+    `files`: content by path. Returns the temporary folder, or None.
 
     Raises:
         ValueError: if a file with an absolute path is missing or differs.

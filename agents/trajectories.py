@@ -19,12 +19,12 @@ from lidarnaut.envs.tasks.carrot import AHEAD
 NEEDED = "trajectories", "motion", "limits"
 """Names of required observations, in addition to `goal` or `carrot`."""
 GOAL_SCALE = 10.0
-"""Goal distance that the observation `goal` normalizes to 1 [m]. With `carrot` (lookahead point), assumed for goals
-beyond the lookahead distance."""
+"""Goal distance that the observation `goal` normalizes to 1 [m]. Also the assumed distance of a goal beyond the
+`carrot` (lookahead point)."""
 LAST_ACTION = slice(2, 4)
 """Indices of the last action in the observation `motion`."""
 OWN_NUMBERS = 6
-"""Number of twist features that the network computes, besides those in `trajectories`."""
+"""Number of features per twist that the network computes itself, besides those in the observation `trajectories`."""
 INITIAL_GAIN = 0.05
 """Gain of the orthogonal initialization of the last layer; small for nearly uniform probabilities."""
 

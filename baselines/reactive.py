@@ -28,7 +28,7 @@ TURN_RATE = 1.0
 LOOKAHEAD_TIME = 0.75
 """Lookahead distance of the route follower divided by its speed [s]."""
 MIN_TURN_TIME = 1.0
-"""Minimum arc radius divided by speed [s]; limits the speed in curves."""
+"""The route follower's speed in a curve is at most the curve radius divided by this time [s]."""
 ROTATE_FROM = 1.6
 """Heading error above which the route follower turns in place [rad]."""
 

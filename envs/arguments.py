@@ -74,7 +74,7 @@ def clip_hint(make_env: Callable[..., Any], actions: np.ndarray) -> str:
 
 
 def read_action(action: Any) -> np.ndarray:
-    """Return an action as an array; raise ValueError if masked or not of real numbers."""
+    """Return an action as an array; raise ValueError for a masked array, or if not of real numbers."""
     numbers = np.asarray(action)
     if numbers.dtype.kind not in "iuf" or isinstance(action, np.ma.MaskedArray):
         kind = "a masked array" if isinstance(action, np.ma.MaskedArray) else numbers.dtype

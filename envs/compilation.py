@@ -195,7 +195,7 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
 def _lock(dispatcher: Any, sig: Any) -> Iterator[None]:
     """Hold a kernel's file lock until the kernel is cached, if locks are available.
 
-    Does not use `lidarnaut.envs.files.Lock`: its edits would recompile all kernels.
+    Does not use `lidarnaut.envs.files.Lock`, because edits of that file would recompile all kernels.
     """
     cache, begin = dispatcher._cache, time.monotonic()
     hangs = "the lock %s stays with %s: this process compiles the kernel, too"

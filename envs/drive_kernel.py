@@ -14,17 +14,17 @@ from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.transition import record_positions, update_robots
 
 UNCHECKED = -1
-"""Progress returned by `drive` if the last control period ended without a check for arrival or stall."""
+"""Progress returned by `drive` if arrival and stall were not checked in the last control period."""
 
 
 @njit(cache=True, error_model="numpy")
 def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_from):
     """Drive a robot by its navigator for up to `max_steps` control periods.
 
-    Ends early if a scan is due, the noise is used up, the drive ends, or Python must check the progress. `rows`,
-    `draws`, `ranges`: state, noise and scan. `world_arrays`: segments and circles of the world, and `People.arrays`.
-    `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of `record_positions`.
-    `check_from`: first control period with a check in Python.
+    Ends early if a scan must be processed, the noise in `draws` is used up, the drive ends, or Python must check the
+    progress. `rows`: robot state. `ranges`: lidar scan. `world_arrays`: segments and circles of the world, and
+    `People.arrays`. `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of
+    `record_positions`. `check_from`: first control period with a check in Python.
 
     Returns:
         Number of control periods; progress as in `check_progress`, or `UNCHECKED`; number of control periods before the

@@ -164,9 +164,9 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             yield Pose2D(x, y, heading), count, SPUN if k == parts - 1 else DRIVING
 
     def _scan(self, pose: Pose2D, count: int) -> bool:
-        """Move the robot to the estimate `pose` in `count` control periods, and integrate a scan.
+        """Move the robot until its estimated pose is `pose`, in `count` control periods, and integrate a scan.
 
-        Returns False, without motion, if the true pose is not free.
+        Returns False, without motion, if the true pose would not be free.
         """
         explore = self.explore
         simulator, robot, truth = self._simulator, explore.robots[0], explore.truths[0]

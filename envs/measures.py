@@ -66,8 +66,7 @@ class Measure:
     is_share: bool = False
     """Whether values are 0 or 1, so that their mean is a share of episodes."""
     limit: str = ""
-    """Column of the value that replaces infinity, such as the time limit for an unreached threshold; empty if never
-    infinite."""
+    """Column of `episodes.csv` that replaces infinite values, such as "time_limit"; empty if never infinite."""
     is_headline: bool = False
     """Whether this (headline) measure ranks policies. Requires a value in every episode."""
     is_relative: bool = False

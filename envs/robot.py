@@ -28,7 +28,6 @@ SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
 """Flags of due work in a robot state: process the scan, record the estimated position, record the true position."""
 
 ONE_ACTIVE = np.ones(1, dtype=np.bool_)
-"""Mask for arrays of a single robot, shape (1,), bool."""
 MAX_PERSON_GAP, MAX_TIME_TO_COLLISION = 10.0, 10.0
 """Upper limits of the recorded gap to people [m] and time to collision [s]."""
 
@@ -75,7 +74,7 @@ def _follows_odometry(slam: Any) -> bool:
 class Robot:
     """Robot with sensors, odometry, and an estimator of pose and map.
 
-    A view of one row of `Rows` (arrays of all robots). Public attributes contain no ground truth.
+    Its state is a row of the robot state table `Rows`. Public attributes contain no ground truth.
     """
 
     def __init__(
@@ -230,7 +229,8 @@ class Robot:
     def locate(self, flags: int) -> None:
         """Update pose, map and path after a control period, by the scan or by odometry.
 
-        `flags`: due work, such as `SCAN`. Raises ValueError if the estimator returns invalid results.
+        `flags`: `SCAN` to process the scan, `REMEMBER` to record the position. Raises ValueError if the estimator
+        returns invalid results.
         """
         if self.tracker is not None:
             self._track(self.tracker, self.ranges, Pose2D(*self._row[at.ODOMETRY : at.ODOMETRY + 3].tolist()))

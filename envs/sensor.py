@@ -47,7 +47,7 @@ class Measured:
 
 
 def make_sensors(sensors: Sequence[Any]) -> list[Sensor]:
-    """Create sensors from objects (which are copied), classes, or the `module:attribute` name of an object or class.
+    """Create sensors from objects, which are copied, from classes, or from `module:attribute` names of these.
 
     Raises:
         ValueError: if an item is not a sensor, or two sensors have the same name.

@@ -116,16 +116,15 @@ class Task(ABC):
     is_team: ClassVar[bool] = False
     """Whether actions and observations have a leading axis for robots."""
     rests_between_scans: bool = False
-    """Whether only time and contacts affect the task in control periods without a processed scan. Kernels may then skip
-    `update`: the quantities "time" and "collision" sum the skipped seconds and the seconds in contact, other
-    quantities are 0."""
+    """Whether kernels may skip `update` in control periods without a processed scan. Then the rewarded quantities
+    "time" and "collision" sum the skipped seconds and the seconds in contact; other quantities are 0."""
     arrays: tuple[np.ndarray, ...] = ()
     """Arrays of the task for kernels, available to `update_rows` as `batch.task_arrays`."""
     uses_true_motion: bool = False
     """Whether estimators receive the true motion instead of odometry."""
     sampler_ahead: Any = None
-    """Sampler that allows another thread to call `draw_world` before the reset, or None. Requires that `draw_world`
-    depends only on this sampler and the generator, and calls no user code."""
+    """World sampler if another thread may call `draw_world` before the reset, otherwise None. `draw_world` must then
+    depend only on this sampler and the generator, and call no user code."""
     weights: Mapping[str, float]
     """Weights of the reward terms, by the name of a quantity."""
     reward: Any = None

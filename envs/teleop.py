@@ -22,7 +22,6 @@ HELP = "arrows or WASD: drive     space: stop     R: restart     M: save the map
 TURN_RATE = 1.0
 """Maximum yaw rate of keyboard commands [rad/s]."""
 HELP_HEIGHT = 32
-"""Height of the help line below the image [px]."""
 DIRECTIONS = {
     pygame.K_UP: (1.0, 0.0),
     pygame.K_w: (1.0, 0.0),

@@ -79,7 +79,7 @@ def _watch_people(row, people):
 
 @njit(cache=True, error_model="numpy")
 def update_robots(rows, people):
-    """Update robot states after a control period: contacts, odometry, predicted pose, due work such as `SCAN`.
+    """Update robot states after a control period: contacts, odometry, predicted pose, and flags such as `SCAN`.
 
     The pose follows odometry until the estimator processes a scan. `rows`: robot states, shape (n, ROW_SIZE), float64.
     `people`: states of all people.
@@ -130,11 +130,10 @@ def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
 
 @njit(cache=True, error_model="numpy")
 def record_positions(rows, active, positions, counts):
-    """Append positions that flags of robot states mark for recording; return True if an array is full.
+    """Record robot positions that flags in the robot states request; return True if an array is full.
 
-    `rows`: robot states. `active`: robots to process, shape (n,), bool. `positions`: estimated and true positions,
-    shape (n, k, 4), float64 [m], updated. `counts`: numbers of estimated and true positions, shape (n, 2), int64,
-    updated.
+    `rows`: robot states. `active`: robots to process, shape (n,), bool. `positions`: recorded estimated and true
+    positions, shape (n, k, 4), float64 [m], updated. `counts`: their numbers, shape (n, 2), int64, updated.
     """
     is_full = False
     for k in range(rows.shape[0]):

@@ -31,7 +31,6 @@ from .score import FrontierScore
 from .tasks import TARGET, ExplorationTask, draw_task
 
 GENERATION_SEED, VALIDATION_SEED, SCALING_SEED = 0, 1, 2
-"""Seeds of the random streams for generations, validations and feature scaling."""
 LEAST_SPREAD = 0.02
 """Lower bound of the feature standard deviations that scale the weights."""
 

@@ -128,7 +128,7 @@ class FrontierNetwork(nn.Module):
 
 
 class _Slots:
-    """Removal and restoration of padding rows in batched arrays of frontier candidates."""
+    """Conversion of batched frontier candidates to arrays without padding rows, and back."""
 
     def __init__(self, mask: Tensor) -> None:
         self.sample, self.slot = mask.nonzero(as_tuple=True)

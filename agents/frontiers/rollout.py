@@ -14,16 +14,16 @@ MAX_RATIO = 3.0
 MISSING_COST = 2.0
 """Weight of incomplete exploration in the cost of an episode: log(time) + weight x (target - explored fraction)."""
 NUM_BEST = 5
-"""Number of best-rated frontiers per decision used for feature variances."""
+"""Number of highest-rated frontiers per decision used to compute feature variances."""
 
 
 def explore(
     task: ExplorationTask, policy: Callable[[dict[str, np.ndarray]], np.int64], max_time: float = math.inf
 ) -> tuple[float, float]:
-    """Run an exploration episode with a policy that selects frontiers.
+    """Run an exploration episode with a policy that selects frontiers; return cost and explored fraction.
 
-    It ends at target coverage or `max_time` [s]. Returns the log of exploration time [s], with a penalty for missing
-    coverage, and explored fraction.
+    It ends at target coverage or `max_time` [s]. The cost is log(time [s]) + `MISSING_COST` x missing coverage;
+    incomplete episodes count with the time limit.
     """
     env = make_environment(task.robot, task.resolution, task.drift)
     observation, _ = env.reset(seed=task.seed, options={"world": make_world(task)})

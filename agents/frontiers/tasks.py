@@ -150,7 +150,7 @@ def make_world(task: ExplorationTask) -> World:
 
 @lru_cache(maxsize=4)
 def make_environment(robot: RobotParams, resolution: float, drift: float) -> ExploreFrontiersAbstractEnv:
-    """Return the environment for a robot, map cell size [m] and position error [m]; keeps the last four."""
+    """Return an environment for a robot, map cell size [m] and position error [m]; the last four are cached."""
     return ExploreFrontiersAbstractEnv(
         robot=robot, map_resolution=resolution, drift=(drift, drift / 6.0), target_coverage=TARGET, world="rooms"
     )

@@ -104,8 +104,8 @@ def shorten(cover, known, target, tour):
 def complete(cover, known, target, tour, noise, rng):
     """Insert viewpoints into a tour until it observes `target` cells, most new cells per detour first.
 
-    `known`: bits of cells observed before the tour, shape (words,), uint64. `noise`: maximum random increase of this
-    ratio, as a fraction. Returns the tour, and whether `target` is reached.
+    `known`: bits of cells observed before the tour, shape (words,), uint64. `noise`: maximum random increase of new
+    cells per detour, as a fraction. Returns the tour, and whether `target` is reached.
     """
     while True:
         seen = seen_on(cover, known, tour)

@@ -59,7 +59,8 @@ class Viewpoints:
     predecessors: np.ndarray
     """Index of the last viewpoint before viewpoint j on the path from i, at [i, j]; shape (n, n), int32."""
     block_costs: np.ndarray
-    """Traversal costs of blocks of `side` x `side` cells for path search, shape (block rows, block columns), uint8."""
+    """Coarse costmap for path search: lowest traversal cost in each block of `side` x `side` cells, shape (block rows,
+    block columns), uint8."""
     side: int
 
     @property

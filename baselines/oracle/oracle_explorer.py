@@ -17,7 +17,8 @@ DECISION_PERIOD = 1.0
 NUM_FIRST_ROUNDS = 300
 NUM_ROUNDS = 4
 LOOKAHEAD = 3.0
-"""Paths lead to the first viewpoint at least this far ahead on the tour, but not beyond the next stop [m]."""
+"""The robot drives to the first viewpoint at least this far along the path to the next tour stop, or to a nearer stop
+[m]."""
 ARRIVAL_RADIUS = 0.15
 """Distance from a viewpoint within which the viewpoint counts as visited [m]."""
 REACH_MARGIN = 0.1

@@ -17,7 +17,7 @@ COVER_RADIUS = 2.0
 """Radius around a tour stop within which frontiers need no other stop [m]."""
 MAX_STOPS = 32
 WORK_PER_AREA = 0.3
-"""Exploration work at a tour stop per unknown area, expressed as path length [m/m2]."""
+"""Additional cost of a tour stop per visible unknown area, expressed as path length [m/m2]."""
 STOP_HYSTERESIS = 6.0
 """Length subtracted from the path to a robot's current stop, against oscillation between stops [m]."""
 
