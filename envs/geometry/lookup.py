@@ -38,5 +38,5 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]
 
 
 def record_type(fields: Any) -> np.dtype:
-    """Return a structured dtype whose fields are attributes in Numba functions, with and without compilation."""
+    """Return a structured dtype with fields that Numba functions read as attributes, also with compilation disabled."""
     return np.dtype((np.record, fields) if config.DISABLE_JIT else fields)  # type: ignore[attr-defined]

@@ -5,11 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 UNKNOWN = -1
-"""Cell value of unobserved space."""
 FREE = 0
-"""Cell value of certainly free space."""
 OCCUPIED = 100
-"""Cell value of certainly occupied space."""
 OCCUPIED_FROM = 50
 """Minimum occupancy probability of an obstacle cell [percent]."""
 

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 _ANGLE_PADDING = 1e-3
-"""Margin for approximation errors in the beam angles of an obstacle's edges [rad]."""
+"""Angle added on both sides of an obstacle's angular range, since polar angles are approximate [rad]."""
 _TOUCH_TOLERANCE = 1e-9
 """Distance below which a sensor counts as lying on a wall, and all ranges are zero [m]."""
 

@@ -24,7 +24,6 @@ class Window(NamedTuple):
 
     @property
     def is_empty(self) -> bool:
-        """Whether the rectangle contains no cell."""
         return self.height <= 0 or self.width <= 0
 
     def union(self, other: "Window") -> "Window":
@@ -48,7 +47,7 @@ class Window(NamedTuple):
         return Window(row, col, max(height, 0), max(min(self.col + self.width + cells, shape[1]) - col, 0))
 
     def blocks(self, size: int) -> "Window":
-        """Return the rectangle of blocks of `size` x `size` cells that cover this rectangle of cells."""
+        """Return the blocks of `size` x `size` cells that overlap this rectangle, in rows and columns of blocks."""
         row, col = self.row // size, self.col // size
         height = (self.row + self.height - 1) // size - row + 1
         return Window(row, col, height, (self.col + self.width - 1) // size - col + 1)

@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass
 from lidarnaut.envs.geometry.raycast import Beams
 
 MAX_NUMBER = 1e9
-"""Upper limit of robot parameters without a smaller limit, in SI units."""
+"""Default upper limit of numeric robot parameters, in SI units."""
 MAX_LENGTH = 100.0
 """Upper limit of body dimensions and of coordinates in the base frame [m]."""
 MAX_TILT = 0.35
@@ -73,7 +73,6 @@ class LidarParams:
 
     @property
     def angle_increment(self) -> float:
-        """Angle between neighbouring beams [rad]."""
         full_turn = self.fov > 2 * math.pi - 1e-6
         return self.fov / (self.num_beams if full_turn else max(self.num_beams - 1, 1))
 
@@ -131,11 +130,11 @@ class OdometryNoise:
     """
 
     position_std: Positive = 0.003
-    """Constant part of the position error's standard deviation [m]."""
+    """Standard deviation of the position error of a motion of zero length [m]."""
     position_per_metre: NotNegative = 0.02
     """Standard deviation of the position error per driven metre [m/m]."""
     heading_std: Positive = 0.003
-    """Constant part of the heading error's standard deviation [rad]."""
+    """Standard deviation of the heading error of a motion of zero length without turn [rad]."""
     heading_per_radian: NotNegative = 0.03
     """Standard deviation of the heading error per radian of turning [rad/rad]."""
     heading_per_metre: NotNegative = 0.03
@@ -161,12 +160,10 @@ class OdometryParams:
 
     @property
     def ticks_per_radian(self) -> float:
-        """Encoder counts per radian of wheel rotation."""
         return self.ticks_per_rev / (2.0 * math.pi)
 
     @property
     def metres_per_tick(self) -> float:
-        """Distance rolled per encoder count [m]."""
         return 2.0 * math.pi * self.wheel_radius / self.ticks_per_rev
 
 

@@ -16,9 +16,10 @@ from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 from .simulator import Simulator
 
 SLIP_MARGIN = 0.5
-"""Maximum excess of speed and yaw rate due to wheel slip, as a fraction of the robot's maximum."""
+"""Wheel slip raises speed and yaw rate above the robot's maxima by at most this fraction."""
 _MAX_SLIDE_RATIO = 1.1
-"""Maximum distance moved along obstacles in a physics step, divided by the distance without contact."""
+"""A robot stays in place if contact would move it by more than this multiple of its free motion in a physics step, and
+more than half its radius."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -15,9 +15,7 @@ from lidarnaut.envs.robots import RobotParams
 SUBSTEP = 1.0 / 60.0
 """Target duration of a physics substep [s]."""
 MAX_SUBSTEPS = 10_000
-"""Maximum number of physics substeps per control period."""
 MIN_PERIOD = 1e-4
-"""Minimum control period [s]."""
 
 _SOURCES = {
     "radius": "radius",
@@ -66,23 +64,23 @@ Encoder counts, gyroscope yaw rate [rad/s], compass heading [rad], and contact. 
 or robot, 2 plus index for a person."""
 TOUCHED_PERSON = 2
 STEPS, TIME, DRAW, COMMAND_V, COMMAND_W = range(16, 21)
-"""Columns of a robot's state vector: number of control periods and time [s] since the reset, index of the control
-period in the sampled noise, and commanded twist [m/s, rad/s]."""
+"""Columns of a robot's state vector: number of control periods and time [s] since the reset, index of the present
+control period in `Rows.draws`, and commanded twist [m/s, rad/s]."""
 LAST_X, LAST_Y, LAST_THETA, LAST_LEFT, LAST_RIGHT, LAST_TOUCHED = range(21, 27)
 """Columns of a robot's state vector: true pose, encoder counts and contact of the previous control period."""
 ODOMETRY, MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = 27, 30, *range(33, 37)
 """Columns of a robot's state vector with odometry.
 
-First columns of the last motion (x, y, theta), as measured and as given to the pose estimator; estimated twist [m/s,
-rad/s], and gyroscope bias estimate with variance."""
+First columns (x, y, theta) of the motion in the last control period, by odometry and as given to the pose estimator;
+columns of the estimated twist [m/s, rad/s], gyroscope bias estimate and its variance."""
 POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
 """First columns of poses and path points in a robot's state vector.
 
-Estimated pose, and pose of the last key scan (scan that is matched and integrated), in the map frame; pose of the map
-frame in the world; last points (x, y) of the estimated and true paths."""
+Map frame: estimated pose, and pose of the last scan that was matched and integrated. World frame: pose of the map
+frame. Last stored points (x, y) of the estimated path and of the true path."""
 PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
-"""Columns of a robot's state vector: driven distance [m], number of collisions, last action, and bit flags of pending
-work (scan to process, path points to store)."""
+"""Columns of a robot's state vector: driven distance [m], number of collisions, last action, and bit flags of due work
+(process a scan, extend a path)."""
 PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
 """Columns of a robot's state vector with contacts and distances to people.
 

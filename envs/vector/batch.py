@@ -134,7 +134,7 @@ class Batch:
         return is_over
 
     def catch_up(self) -> None:
-        """Update the Python objects of sub-environments from the arrays of Numba functions."""
+        """Bring the Python objects of sub-environments up to date with the state arrays that Numba functions write."""
         self._finish(np.flatnonzero(self._is_behind).tolist())
         self._is_behind[:] = False
 
@@ -178,9 +178,10 @@ class Batch:
         self._is_new[:] = False
 
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
-        """Return maps of all robots, downscaled to cells of about `resolution` [m], to crop map images from.
+        """Return the maps of all robots, downscaled to cells of about `resolution` [m], for cropping map images.
 
-        Bit-packed maps; rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m]; cell side [m].
+        Four values: Numba list of bit-packed maps; heights and widths, shape (n, 2), int64; map origins, shape (n, 2),
+        float64 [m]; cell size [m].
         """
         side = 0.0
         if resolution not in self._levels:

@@ -11,18 +11,17 @@ from gymnasium import spaces
 Extras = dict[int, dict[str, Any]]
 """Entries of `info` that structured arrays cannot hold, by sub-environment."""
 WHOLE = ""
-"""Key of the only array of an observation that is not a dictionary."""
 
 
 def parts_of(observation: Any) -> Mapping[str, Any]:
-    """Return the arrays of an observation, or the spaces of an observation space, by name."""
+    """Return an observation (space) as a mapping of names to arrays (spaces). A single array gets the name ""."""
     if isinstance(observation, spaces.Dict):
         return observation.spaces
     return observation if isinstance(observation, dict) else {WHOLE: observation}
 
 
 def whole_of(parts: Mapping[str, np.ndarray]) -> Any:
-    """Return an observation, given its arrays by name."""
+    """Convert a mapping of names to arrays to an observation: a dictionary, or the array named ""."""
     return parts[WHOLE] if WHOLE in parts else dict(parts)
 
 
@@ -67,7 +66,8 @@ class Absent:
 
 
 SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, int, np.float64, np.float32, np.int64)}
-"""NumPy type codes of scalars that structured arrays store. Gymnasium puts `np.bool_` in object arrays."""
+"""NumPy type code of each scalar type that structured arrays store; not `np.bool_`, which Gymnasium stores as an
+object."""
 
 
 def kind_of(value: Any) -> Any:

@@ -68,7 +68,7 @@ class Shard:
         return np.where(mask, rows, np.zeros_like(rows)), self._records.extras
 
     def fix_kinds(self, kinds: Sequence[tuple[str, Any]]) -> None:
-        """Set the `info` entries (name, type) that a structured array stores."""
+        """Set the `info` entries (name, NumPy type) stored in a structured array instead of dictionaries."""
         first, self._records = self._records.extras, Records(len(self.envs), kinds)
         for i, info in first.items():
             self._records.note(i, info)

@@ -195,7 +195,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._call("set_attr", [(name, values[share]) for share in self._shares])
 
     def __getstate__(self) -> dict[str, Any]:
-        """Refuse copying and pickling with a TypeError."""
         raise TypeError(
             "a vector environment cannot be copied or pickled, since it has processes and threads; make another one "
             "with the same arguments"

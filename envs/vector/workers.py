@@ -21,7 +21,6 @@ from .memory import Extras
 from .shard import Shard
 
 SPIN_TIME = 0.002
-"""Maximum time of busy waiting for a message [s]."""
 UNGUARDED = "; on Windows, macOS and Python 3.14 workers import the script, which needs `if __name__ == '__main__':`"
 _processes = weakref.WeakSet[Any]()
 if hasattr(os, "register_at_fork"):  # a forked process would end its parent's workers at exit

@@ -63,9 +63,10 @@ CROWDS = {
 """Predefined crowds by name; all people avoid robots."""
 PeopleLike = int | tuple[int, int] | str | Crowd | Mapping[str, Any] | None
 """Values of the argument `people`: number, range (low, high), `Crowd`, name of a predefined crowd, or mapping of
-changed parameters.
+parameters.
 
-The key `crowd` names the crowd to change. Mappings as text: `dense?attentive=0.5`, `20?attentive=0.5,model=orca`."""
+A mapping changes the crowd under its key `crowd`, or the default. As text: `dense?attentive=0.5`,
+`20?attentive=0.5,model=orca`."""
 
 
 def crowd_of(people: PeopleLike) -> Crowd | None:

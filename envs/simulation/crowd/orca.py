@@ -42,7 +42,8 @@ _EPSILON = 1e-9
 def walk_by_orca(people, directions, robots, walls, model, dt):
     """Move the walking people by one time step `dt` [s] with the ORCA model.
 
-    Two walking people share the velocity change. Avoiding walls has priority. `people`: state vectors, updated.
+    Two walking people each make half of the evasive velocity change. Avoiding walls has priority. `people`: state
+    vectors, updated.
     """
     count, (near, grid) = people.shape[0], walls
     most = 0

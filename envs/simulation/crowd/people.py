@@ -65,7 +65,7 @@ class People:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Arguments of `step_people`: `rows`, `points`, `fields` and `setup`."""
+        """Arrays of all people, destinations, costs-to-go, and model parameters with obstacles, for `step_people`."""
         return self.rows, self.points, self.fields, self.setup
 
     @property

@@ -27,7 +27,7 @@ MEAN_STUCK_TIME = 3.0
 SLOW_FRACTION = 0.2
 """A person makes slow progress below this fraction of the desired walking speed."""
 NEXT_BY_DRAW = -1.0
-"""Entry in the last column of `Routes.points` for a randomly chosen next destination."""
+"""Marker in the last column of `Routes.points`: the next destination is chosen at random."""
 _PRECISION = 1e-3
 """Smallest decrease of a cell's cost-to-go that is propagated [m]."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)

@@ -19,10 +19,10 @@ class Walls(NamedTuple):
     """Lookup table of the static obstacles near each grid cell."""
 
     near: np.ndarray
-    """Obstacles near each grid cell, packed into one flat array, shape (k,), float64.
+    """Obstacles near each grid cell in one flat array, shape (k,), float64.
 
-    Start index of each cell's list and end of the last; lists of obstacle indices; obstacles (x0, y0, x1, y1, radius)
-    [m]."""
+    In this order: start index of each list of obstacles, and end of the last list; the lists, of start indices of
+    obstacles; the obstacles (x0, y0, x1, y1, radius) [m]."""
     grid: tuple[float, float, float, float]
     """Origin (x, y) of the grid [m], and number of rows and columns."""
 
