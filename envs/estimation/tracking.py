@@ -64,7 +64,7 @@ class TrackerParams:
     drift: float = 0.01
     """Growth of `margin` with the age of a stored scan, for odometry drift [m/s]."""
     slope: float = 0.4
-    """A cluster is part of a wall if the range of a neighbouring beam is shorter by less than this [m]."""
+    """A cluster is part of a wall if the beam next to either end has a range shorter by less than this [m]."""
     memory: float = 16.0
     """Duration of the scan history [s]."""
     interval: float = 1.0
@@ -87,7 +87,7 @@ class TrackerParams:
     min_speed: float = 0.2
     """Minimum speed of a track for confirmation as a person [m/s]."""
     hidden_travel: float = math.inf
-    """Minimum distance from the start point to confirm a track that no scan shows in free space [m]."""
+    """A track not proven to cross free space is confirmed only beyond this distance from its start point [m]."""
     significance: float = 2.0
     """A track is confirmed only if its speed exceeds the speed's standard deviation by this factor."""
     max_std: float = 0.35

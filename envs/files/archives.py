@@ -38,8 +38,8 @@ def open_archive(path: Path, what: str = "", hint: str = "") -> Iterator[Any]:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: the archive is damaged or too large, or the block failed. `what` (expected content) and `hint`
-            (advice) are part of the message.
+        ValueError: the archive is damaged or too large, or the `with` block failed. `what` (expected content) and
+            `hint` (advice) are part of the message.
     """
     try:
         check_file(path)

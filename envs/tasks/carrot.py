@@ -23,7 +23,7 @@ from . import reach_kernels as own_at
 AHEAD = 0.8
 """Default lookahead distance [m]."""
 MAX_DESCENT = 6.0
-"""Length of the shortest path, from the robot, searched for the farthest point in its line of sight [m]."""
+"""The farthest point in the robot's line of sight is searched up to this distance along the shortest path [m]."""
 CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
 """Parameters of goal navigation without a limit of recovery behaviors or searches."""
 

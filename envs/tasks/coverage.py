@@ -12,7 +12,7 @@ from lidarnaut.envs.worlds import ExplorableArea
 from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
-"""Bits of a cell of the world's raster: explorable, known in the map, observed from the true pose."""
+"""Bit flags of a cell in the world's raster: explorable, known in the map, observed from the true pose."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
 TOLERANCE = 2.0
 """A point counts as observed within this distance of a beam [raster cells]."""
@@ -112,7 +112,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
 
 @njit(cache=True, error_model="numpy")
 def mark_seen(cells, frame, scan, pending, num_pending):
-    """Mark known cells that a scan observes as explored, and remove them from `pending`."""
+    """Mark known cells as explored if a scan observes them, and remove them from `pending`."""
     tolerance = TOLERANCE * frame.resolution
     count = kept = 0
     for k in range(num_pending):

@@ -147,7 +147,10 @@ class GeodesicDistance:
         return self._field.costs
 
     def length(self, pose: Pose2D) -> float:
-        """Return the distance from a pose, world frame, to the goal [m]; outside free space the last value."""
+        """Return the geodesic distance from a pose (world frame) to the goal [m].
+
+        Outside free space, return the last result.
+        """
         cell = self.grid.cells(np.array(pose[:2]))
         if self.grid.contains(cell):
             length = float(self._field.cost(cell))

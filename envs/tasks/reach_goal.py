@@ -28,8 +28,8 @@ from .starts import UnknownWorldTask
 CELL = 0.1
 """Approximate cell size of the geodesic distance field [m]."""
 AIM_RANGE, AIM_STEP = 2.0, 0.5
-"""If only the goal's bearing is known: distance of the robot's aim point in this direction, and displacement that
-updates it [m]."""
+"""If only the goal's bearing is known: distance from the robot to an aim point in this direction, and minimum
+displacement of a new aim point [m]."""
 BENCHMARK_LIMIT = 100.0
 """Time limit in BARN benchmark worlds [s]."""
 BARN_SPEED = 2.0

@@ -40,8 +40,8 @@ MOVED = 0.1
 def measure_goal(row, own, lengths):
     """Update distances to the goal, driven fraction of the path, and success in the task's state array `own`.
 
-    `row`: state of the simulated robot; `lengths`: geodesic distances of raster cells, shape (height, width), float32
-    [m], inf outside free space. Outside free space, the last distance stays.
+    `row`: state vector of the robot; `lengths`: geodesic distances of raster cells, shape (height, width), float32 [m],
+    inf outside free space. Outside free space, the last distance stays.
     """
     x, y = row[at.X], row[at.Y]
     own[DISTANCE] = distance(own[TRUE_X] - x, own[TRUE_Y] - y)

@@ -14,8 +14,7 @@ END = 0.1
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
-"""Number of route points, from the last nearest point on, that are searched for the next one. A short search avoids
-jumps at crossings."""
+"""The point nearest to the robot is searched in this number of route points, starting at the last nearest point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -75,7 +75,7 @@ class WorldTask(Task):
         return drawn
 
     def place(self, world: World, start: Any) -> World:
-        """Return the world of the free map area around the first robot's given start, if any, otherwise `world`."""
+        """Return the world built from the free map area at the first robot's start, or `world` without a given pose."""
         wanted = self._start if start is None else read_start(start, self.num_robots)
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 

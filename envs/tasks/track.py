@@ -160,7 +160,7 @@ class Track(Task):
         return self.starts
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return the map of the route, made at the first call, and its origin as initial pose estimate."""
+        """Return the map of the route, made at the first call; its origin is the initial pose estimate."""
         drive = self.physics, self.slam, self.route_world.points.tobytes()
         made_with = self.map_resolution, self.control_period, self.map_seed
         route_map = make_route_map(self._world, self.robot, *drive, *made_with)

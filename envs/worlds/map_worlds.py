@@ -96,7 +96,7 @@ def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
 
 
 def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, margin: float = 0.0) -> tuple[int, bool]:
-    """Return the label of the largest enclosed area, or else of the largest area, and whether it is enclosed."""
+    """Return the label of the largest enclosed free area, or else the largest, and whether it is enclosed."""
     reach, rim = (math.ceil(min(gap / grid.resolution, max(labels.shape))) for gap in (margin + WALL_WIDTH, margin))
     is_open = ndimage.minimum_filter((grid.data < OCCUPIED_FROM).astype(np.uint8), 2 * reach + 1, mode="nearest")
     kinds = np.full((labels.shape[0] + 2, labels.shape[1] + 2), 2)  # neighbours of an area: 0 open, 1 wall, 2 map edge
@@ -132,7 +132,7 @@ def _areas(world: World) -> np.ndarray:
 
 
 def area_around(world: World, pose: Pose2D) -> World:
-    """Return the world built from another free map area if that area contains the pose (cached), or else `world`."""
+    """Return the world built from the free map area that contains a pose, or `world` without such an area."""
     if world.map is None:
         return world
     labels = _areas(world)

@@ -18,10 +18,10 @@ _PROGRESS_DELAY = 2.0
 def visible_from(
     free: np.ndarray, goals: np.ndarray, candidates: np.ndarray, reach: float, name: str = ""
 ) -> np.ndarray:
-    """Return the mask of raster cells that are visible from a goal cell within `reach` [cells], and of goal cells.
+    """Return the mask of raster cells with a free line of sight to a goal cell, including the goal cells.
 
-    `free`, `goals`, `candidates`: masks of free cells, goal cells and cells to test, shape (height, width), bool.
-    `name`: of the world, for the progress bar.
+    `free`, `goals`, `candidates`: masks of free cells, goal cells and cells to test, shape (height, width), bool;
+    `reach`: maximum length of lines [cells].
     """
     height = len(free)
     reach = min(reach, 2.0 * max(free.shape))  # longer lines leave the raster
@@ -44,7 +44,7 @@ def visible_from(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _comes_near(free, goals, straight, diagonal, reach):
-    """Return the mask of cells with a free path of at most `reach` straight or diagonal steps to a goal cell."""
+    """Return the mask of cells at most `reach` free steps, straight or diagonal, from a cell of the mask `goals`."""
     height, width = free.shape
     far = np.uint16(2**16 - 2)
     near = np.empty((height, width), dtype=np.bool_)
@@ -76,7 +76,7 @@ def _comes_near(free, goals, straight, diagonal, reach):
 def _lines(reach):
     """Compute lines of sight from cell (0, 0) in `NUM_DIRECTIONS` directions.
 
-    Returns, for each line, the slope (rows, columns), the number of steps, and the cells (row, column).
+    Returns, for each line, the change of (row, column) per step, the number of steps, and the cells (row, column).
     """
     slopes = np.empty((NUM_DIRECTIONS, 2))
     lengths = np.empty(NUM_DIRECTIONS, dtype=np.int64)
@@ -108,7 +108,7 @@ def _pack(mask):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _look(plain, ends, wanted, lengths, lines, first, last, visible):
-    """Set `visible` for cells of the mask `wanted` with a line of sight to a goal cell, in rows `first` to `last`."""
+    """Set `visible` in rows `first` to `last` for cells of the mask `wanted` that see a cell of the mask `ends`."""
     height, width = visible.shape
     left, alive = np.empty(_WIDTH, dtype=np.uint8), np.empty(_WIDTH, dtype=np.uint8)
     for top in range(first, last, _HEIGHT):

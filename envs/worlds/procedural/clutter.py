@@ -22,7 +22,6 @@ _CLEARANCE_RADIUS = 0.36
 _FILL = 0.15, 0.28
 """Initial fraction of filled cells at difficulty 0 and at difficulty 1."""
 _SMOOTHINGS = 2, 5
-"""Minimum and maximum number of smoothing iterations, maximum excluded."""
 _PADDING_ROWS = 8
 """Number of empty cell rows added before and behind the field of cylinders to check that a robot can cross it."""
 

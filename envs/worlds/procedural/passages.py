@@ -27,7 +27,7 @@ def build_hall(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def build_corridor(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a corridor with niches along the longer side of the given outer size [m]."""
+    """Return a corridor along the longer side of the given outer size [m], with niches in its walls."""
     turned = size[1] > size[0]
     length, width = max(size), min(size)
     depth = rng.uniform(0.5, 0.8)

@@ -191,14 +191,14 @@ def world_within(
 
 
 def with_goals(world: World, trips: Sequence[tuple[Point, Point]]) -> World:
-    """Return a copy of a world with a start pose and a goal for each trip (start, goal) [m]."""
+    """Return a copy of a world with start and goal poses at pairs of positions (start, goal) [m]."""
     headings = [math.atan2(goal[1] - start[1], goal[0] - start[0]) for start, goal in trips]
     spawns = tuple(Pose2D(*start, theta) for (start, _), theta in zip(trips, headings))
     return replace(world, spawns=spawns, goals=tuple(Pose2D(*goal, theta) for (_, goal), theta in zip(trips, headings)))
 
 
 def turn(rect: Any, room: Rect, side: int, along: int) -> Any:
-    """Return a rectangle, given in the frame of furniture at wall `side`, in the frame of the plan."""
+    """Transform a rectangle from a frame at wall `side` of a room, x along the wall, to the frame of the plan."""
     a, b, c, d = rect
     x0, y0, x1, y1 = room
     return (

@@ -17,8 +17,8 @@ _SHAPES = {
     "X": (((2, 0, 4),), ((2, 0, 4),)),
     "Z": (((2, 1, 3),), ((1, 0, 2), (3, 2, 4))),
 }
-"""Layouts of buildings by letter: corridors along y, then along x, as indices (line, start, end) of five grid lines
-across the floor. Lines 0 and 4 are at the outer walls, line 2 is in the middle."""
+"""Corridors of buildings shaped like a letter, along y, then along x: indices (line, start, end) of five grid lines per
+axis. Lines 0 and 4 are at the outer walls, 2 in the middle."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
