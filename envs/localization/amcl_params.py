@@ -78,11 +78,11 @@ class AmclParams:
     initial_std_theta: NotNegative = math.radians(15.0)
     """Standard deviation of the initial heading [rad]."""
     lost_distance: NotNegative = 0.2
-    """Maximum distance from a mapped obstacle of a beam end point that fits the map [m]."""
+    """Beam end points up to this distance from a mapped obstacle fit the map [m]."""
     lost_fit: Share = 0.5
     """Minimum share of beam end points of recent scans that fit the map. Below this share, the robot is lost."""
     lost_updates: Count = 5
-    """Number of recent scans over which `lost_fit` applies; global localization takes at least as many scans."""
+    """Number of recent scans tested by `lost_fit`, and minimum number of scans that confirm a global localization."""
     lost_spread: Positive = 0.5
     """Maximum position spread (RMS) of the heaviest particle cluster [m]. Above this spread, the robot is lost."""
     relocalize: bool = False

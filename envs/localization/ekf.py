@@ -28,8 +28,8 @@ MAX_STEPS = 5000
 """Maximum number of integration steps per prediction."""
 
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
-"""Jumps of the sensor clock are accepted after this number of refused time stamps; factor on the required time if only
-one of several sensors is refused."""
+"""Minimum number of refused time stamps that proves a jump of the sensor clock, and factor on the waiting time
+(`patience`) if only one of several sensors jumps."""
 
 Kind = Literal["map", "encoder", "compass"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -75,7 +75,6 @@ class Estimate:
     """Estimated pose and velocity of the robot at one time."""
 
     time: float
-    """Time of the estimate [s]."""
     pose: Pose2D
     """Pose of the base in the map frame."""
     v: float

@@ -23,7 +23,7 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.025, 0.025, 0.003)
-"""Additional standard deviation of AMCL poses [m, m, rad], for correlated errors; tuned by NEES."""
+"""Extra standard deviation of AMCL poses in the Kalman filter [m, m, rad], as successive errors are correlated."""
 MIN_HEADING_STD = 1e-4
 """Minimum standard deviation of compass headings [rad]."""
 
@@ -93,7 +93,6 @@ class FusedPose:
         self.localized: Estimate
         """AMCL pose at the last `update`, with speed and yaw rate by encoders."""
         self.estimate: Estimate
-        """Fused pose and velocity."""
         self.belief: Belief
         self.north = math.nan
         """Compass heading of the map's x axis [rad]; set before `reset`."""

@@ -19,7 +19,7 @@ from .amcl_params import AmclParams
 from .motion_model import cosine, sine
 
 MAX_ENTRY = 65535
-"""Maximum cell value of a likelihood field (uint16, for caching and exact sums)."""
+"""Maximum cell value of a likelihood field (16-bit integers)."""
 
 
 class Beams:
@@ -37,7 +37,7 @@ class Beams:
         return np.ascontiguousarray(ranges[self._picked])
 
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return beam end points, shape (2, >= count), float32, base frame [cells], and their number `count`."""
+        """Return beam end points, shape (2, n), float32, base frame [cells], and the number of valid columns."""
         points = np.empty((2, self.geometry.directions.shape[1]), dtype=np.float32)
         return points, project_hits(self.pick(ranges), self.geometry, points)
 
@@ -63,11 +63,10 @@ class Field(NamedTuple):
     """Likelihoods scaled to 0 to 65535, uint16, or distances to the nearest obstacle, float32 [cells]: shape (height,
     width)."""
     border: int
-    """Width of the margin added around the map [cells]; 0 for distances."""
+    """Width of the margin around the map, which contains all beam end points [cells]; 0 for distances."""
     origin: tuple[float, float]
-    """Corner (x, y) of the grid, map frame [m]."""
+    """Minimum x and y of the grid, relative to the map's corner [m]."""
     resolution: float
-    """Cell size [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -109,9 +108,9 @@ def sum_fields(field, points, num_points, particles, sums):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_sum(weights, sums, unit):
-    """Multiply particle weights, shape (n,), by `1 + unit * sums`, as in ROS; return the weighted mean factor.
+    """Multiply particle weights by 1 + the sum of cubed beam likelihoods, as in ROS; return the weighted mean factor.
 
-    `sums`: likelihood field values summed over a scan. `unit`: cubed likelihood per field value.
+    `weights`: shape (n,). `unit * sums`: sum of cubed likelihoods per particle.
     """
     mean = 0.0
     for i in range(weights.shape[0]):

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Step (modulo 1) of the golden-ratio sequence that selects particles by cumulative weight."""
+"""Increment, modulo 1, of the numbers that select particles by cumulative weight (golden-ratio sequence)."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -47,8 +47,8 @@ def resample(particles, weights, bins, start, kld, injected, share, seen, drawn)
 
     `particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: normalized, shape (n,). `bins`: histogram
     bin of each particle, shape (n,), int32. `start`: first draw, from 0 to 1. `kld`: `min_particles`, `kld_err`,
-    `kld_z` of `AmclParams`. `injected`: random particles, shape (3, f), injected with `share`. `seen`: scratch, shape
-    (num_bins,), all False. `drawn`: output.
+    `kld_z` of `AmclParams`. `injected`: random particles, shape (3, f). `share`: their share of `drawn`, the output.
+    `seen`: scratch, shape (num_bins,), all False.
     """
     n = particles.shape[1]
     cumulated, guide = np.empty(n), np.empty(n, dtype=np.int32)

@@ -12,7 +12,7 @@ from lidarnaut.envs.geometry import Pose2D
 from .likelihood_field import MAX_ENTRY, LikelihoodField, sum_fields
 
 TOLERANCE = 0.03
-"""Alternative poses score at most this much less than the estimated pose; walls off by one cell cost 0.02."""
+"""Maximum deficit of an alternative pose's score (at most 1) relative to the estimated pose's score."""
 MIN_SEPARATION, MIN_SEPARATION_ANGLE = 0.5, math.radians(20.0)
 """Poses within this distance [m] and heading difference [rad] count as one pose."""
 MAX_RIVALS = 20
@@ -22,19 +22,20 @@ MAX_HITS = 1000
 MAX_PENETRATION = 0.2
 """Beams that end farther behind a mapped obstacle count as passing through the obstacle [m]."""
 DENSITY, MAX_DRAWN = 4000.0, 1_000_000
-"""Random poses that start a search for alternatives: number per free area [1/m2], and maximum number."""
+"""Random poses that start a search for alternatives to the estimated pose: number per free area of the map [1/m2],
+maximum number."""
 NUM_SEARCHES = 3
 """The estimated pose is confirmed after this number of consecutive searches without alternative pose."""
 MAX_PER_BIN = 4
 """Maximum number of poses that a search keeps per cell of 0.5 m and 20 degrees, for diversity."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
-"""Stages of a search for alternative poses: number of beam end points that score a pose, number of kept poses, standard
-deviations of random steps [m]."""
+"""Stages of a search for alternative poses: number of beam end points that score a pose, number of kept poses, sizes of
+successive random steps [m]."""
 NUM_COPIES, TRACKING_STEPS = 16, (0.03, 0.02, 0.01)
 """Refinement of known poses: number of random copies per pose, standard deviations of their successive random steps
 [m]."""
 STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
-"""Relative size of random steps in x, y and heading [m/m, m/m, rad/m]."""
+"""Standard deviations of a random step in x, y, heading, per step size [m/m, m/m, rad/m]."""
 
 NO_RIVALS = np.empty((0, 4))
 """Empty table of alternative poses: x, y, heading [m, m, rad] and weight."""
@@ -120,7 +121,7 @@ class Rivals:
         return np.column_stack([_move(self.poses + origin, motion), np.exp(self.leads / TOLERANCE)])[1:]
 
     def update(self, pose: Pose2D, rng: np.random.Generator, area: float, draw: Callable[[int], np.ndarray]) -> None:
-        """Improve alternative poses; search the map for others if there are none, and every `num_scans` updates.
+        """Refine alternative poses; search the map for new ones if none is known, and every `num_scans` calls.
 
         `area`: free space of the map [m2]. `draw(n)` returns n random poses in free space, shape (3, n), float32.
         """

@@ -12,7 +12,7 @@ from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from .log import Log
 
 END_MARGIN = 0.3
-"""Last part of a beam that may cross occupied cells without conflict [m], for thick walls and grazing beams."""
+"""Occupied cells within this distance of a beam's end are no conflict [m], for thick walls and grazing beams."""
 MAX_CONFLICTS = 0.2
 """Maximum share of beams through occupied cells in a consistent map. Intel Research Lab: 0.06 to 0.16 if SLAM succeeds,
 else 0.24 to 0.53."""

@@ -65,9 +65,9 @@ def load_relations(path: str | Path) -> np.ndarray:
 
 
 def load_labelled(path: Path) -> dict[str, np.ndarray]:
-    """Read reference relative poses: all (`relation error`), and a subset, if any (`unambiguous`).
+    """Read reference relative poses: all (key `relation error`), and a subset (key `unambiguous`) if its mask exists.
 
-    The subset's mask is `unambiguous_relations.npy` in the same folder, shape (n,), bool.
+    The mask is `unambiguous_relations.npy` in the same folder.
 
     Raises:
         ValueError: a file is damaged.

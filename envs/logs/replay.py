@@ -29,9 +29,9 @@ from .relations import load_labelled
 from .runs import Run, measure, replay, save_replay
 
 TRUTH = "truth"
-"""Name of the SLAM that maps at simulated true poses, which logs lack."""
+"""Name of the SLAM that requires true poses, and cannot run on logs."""
 SPARSE = 0.5
-"""Minimum median distance between scans [m] that causes a hint to use the preset `sparse`."""
+"""The preset `sparse` is suggested from this median distance between scans on [m]."""
 
 
 @dataclass(frozen=True)

@@ -59,11 +59,11 @@ class Run:
 
 
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
-    """Reset a SLAM and run the SLAM on a log.
+    """Run a SLAM on a log, after a reset with `seed`.
 
-    Final poses come from the corrected trajectory `Belief.path`, set at map corrections or by an optional method
-    `finish()`. If this path has only selected scans, the attribute `anchor` is a path index and the current pose
-    relative to that path entry.
+    Final poses come from `Belief.path`, set at map corrections or by an optional method `finish()`: one pose per scan.
+    If the SLAM corrects selected scans only, the attribute `anchor` is a path index and the current pose relative to
+    that path pose.
 
     Raises:
         ValueError: invalid belief or corrected path.
@@ -96,7 +96,7 @@ def measure(
 ) -> Run:
     """Return errors and computation times of a SLAM run; `relations`: sets of reference relative poses.
 
-    ValueError if none of a set lies within the log.
+    ValueError if a set has no relative pose within the log.
     """
     milliseconds = 1e3 * replayed.seconds
     errors: dict[str, RelationError] = {}

@@ -18,7 +18,7 @@ SAME_POSITION = 1e-3
 SAME_SURFACE = 0.1
 """Maximum range difference of adjacent beams on one surface [share of the shorter range]."""
 FULL_TURN, MAX_TURN = 2.0 * math.pi - 1e-6, 2.1 * math.pi
-"""Field of view of a full turn (beams beyond are dropped), and maximum valid field of view [rad]."""
+"""Minimum field of view of a full turn, and maximum valid field of view [rad]."""
 
 
 class Scan(NamedTuple):

@@ -15,8 +15,7 @@ MAX_SPEEDS = (5.0, 10.0)
 CLOCK_JITTER = 0.02
 """Error of odometry time stamps that is tolerated when speeds are checked [s]."""
 BURST = 5
-"""Number of odometry poses before and after a motion that determine the mean sampling period, as poses may arrive in
-bursts."""
+"""Number of odometry poses on either side that are averaged to a sampling period, as poses may arrive in bursts."""
 MAX_IMPOSSIBLE = 0.05
 """Maximum share of impossible odometry motions. Above this share, no motion is interpolated."""
 MAX_GLITCH = 2.0

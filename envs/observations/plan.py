@@ -17,7 +17,7 @@ LOOKAHEADS = (0.3, 0.6, 1.5)
 """Lookahead distances along a path [m]."""
 WIDTH = 2 * len(LOOKAHEADS) + 3
 WINDOW = 60
-"""Number of path points, from the last nearest, that are searched for the point nearest to the robot."""
+"""Number of path points, from the previous nearest point on, searched for the point nearest to the robot."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,7 +20,7 @@ GOAL_RANGE = 32.0
 NEAR_RANGE = 10.0
 """Distance to the goal that the observation `NearGoal` normalizes to 1 [m]."""
 GOAL_MEMORY = "goal"
-"""Key of a task's state array; each robot's row begins with the goal (x, y), map frame [m]."""
+"""Key of a state array with one row per robot, beginning with the goal (x, y), map frame [m]."""
 PEERS_RANGE = 16.0
 """Teammate offset per axis that is normalized to 1 [m]: half the side of the map crop `map_far`."""
 PEOPLE_RANGES = np.array([8.0, 8.0, 2.5, 2.5, 1.0])

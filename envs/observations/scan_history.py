@@ -17,7 +17,7 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 NEARNESS = 0.5
-"""Distance of an obstacle from the footprint that is encoded as 0.5 [m]."""
+"""Gap between footprint and obstacle that is observed as 0.5 [m]; contact is 1."""
 MAX_LAG = 1000
 """Maximum age of an observed scan [control periods]."""
 SURFACE_STEP = 0.5

@@ -34,12 +34,12 @@ NUMBERS, END, TURN = 8, slice(4, 6), 6
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
 """Duration of a velocity command, time step of the collision check, and prediction horizon [s]."""
 LINE_TIME = 1.0
-"""Duration of straight driving after a velocity command that is checked for near walls [s]; the observed end position
-is halfway."""
+"""Duration of straight driving, after a velocity command, that is checked for nearness to walls [s]; the position is
+observed halfway."""
 NEAR_WALL, NEAR_PERSON, DECAY_TIME = 0.4, 0.8, 1.5
-"""Maximum gaps to walls and people that count as near [m], and decay time of nearness to people [s]."""
+"""Maximum gaps to walls and people with a nearness above 0 [m]; decay time of nearness to people [s]."""
 SMALL_GAP = 0.1
-"""Gap to walls that is observed as 1, the maximum [m]."""
+"""Gaps to walls of at least this size are observed as 1 [m]."""
 MAX_POINTS, MAX_RANGE = 120, 6.0
 """Maximum number and maximum range [m] of lidar end points that count as walls."""
 PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
@@ -49,7 +49,7 @@ WALL_MARGIN = 0.02
 REAR_ANGLE = 0.35
 """The lidar sees the rear if a beam is within this angle of the backward direction [rad]."""
 STATE, STEPS = 9, 8
-"""Length of the people tracker's state vector, and index of the number of the last tracked control period."""
+"""Length of the people tracker's state vector, and its index for the last tracked control period."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -169,7 +169,7 @@ class EpisodeRecorder:
 
 
 class MapHistory:
-    """Changes of a map between recorded samples; the map may grow or be redrawn."""
+    """History of a map: cells that changed from each recorded sample to the next."""
 
     def __init__(self, grid: OccupancyGrid) -> None:
         self._resolution, self._first = grid.resolution, grid.origin

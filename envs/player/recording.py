@@ -74,8 +74,7 @@ class Recording:
     decision_chosen: Annotated[np.ndarray, np.int32, "m"]
     """Index of the chosen candidate frontier per decision; -1 if none was chosen."""
     candidates: Annotated[np.ndarray, np.float32, "candidates", len(CANDIDATE_COLUMNS)]
-    """Frontiers offered at all choices of a goal: x, y, map frame [m], path cost [m], visible unknown area [m2], failed
-    attempts, score."""
+    """Frontier candidates of all decisions: x, y, cost and other `CANDIDATE_COLUMNS`."""
     candidate_ends: Annotated[np.ndarray, np.int32, "m"]
     """Index in `candidates` where each decision's frontiers end."""
     segments: Annotated[np.ndarray, np.float32, "segments", 4]

@@ -110,7 +110,7 @@ def _static(world: World, size: tuple[int, int]) -> pygame.Surface:
 
 
 def shown_bounds(world: World) -> tuple[float, float, float, float]:
-    """Return the bounds of a world in pictures (x_min, y_min, x_max, y_max) [m]."""
+    """Return the area that pictures of a world show: x_min, y_min, x_max, y_max [m]."""
     return world.bounds if world.map is None else left_out(world).bounds
 
 

@@ -79,7 +79,7 @@ class Picture:
             self._text.legend(self._background, box, legend)
 
     def paint(self, scene: Scene) -> pygame.Surface:
-        """Draw a scene (moment of an episode). The next call reuses the returned surface."""
+        """Return the picture of a scene (moment of an episode). The next call overwrites it."""
         self._frame.blit(self._background, (0, 0))
         view = View(shown_bounds(scene.world), self._panel.get_size())
         for box, draw in zip(self._boxes, (draw_truth, draw_estimate)):

@@ -26,7 +26,7 @@ SOLID: Colour = (122, 133, 147)
 WALL: Colour = (46, 56, 69)
 OUTSIDE: Colour = (226, 230, 235)
 LEFT_OUT: Colour = (238, 214, 175)
-"""Color of free map cells that are not connected to the simulated area."""
+"""Color of free map cells that are not connected to the robot's start."""
 
 FREE: Colour = (255, 255, 255)
 OCCUPIED: Colour = (30, 36, 46)
