@@ -15,7 +15,7 @@ STRAIGHT = 70
 """Length of a straight grid step; `99 / 70` approximates the square root of two."""
 DIAGONAL = 99
 SCALE = 16
-"""Weight of a free cell in path search: cost of a step divided by its length."""
+"""Integer cost of a free cell per unit of step length (`STRAIGHT` for a straight step)."""
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1))
 """Moves to the eight neighbours (row, column). Diagonal move `k + 4` combines straight moves `k` and `(k + 1) % 4`."""
 NO_STEP = 255

@@ -68,7 +68,6 @@ HALF_AGE = 60.0
 OFFSET_SCALE = 16.0
 """Distance ahead or to the left that is scaled to 1 as policy input [m]."""
 FAILURE_PENALTY = 1e6
-"""Penalty on the score of a frontier after a failed drive."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +119,7 @@ class Candidates:
 
 
 def failed_last(scores: np.ndarray, candidates: Candidates) -> np.ndarray:
-    """Return scores, shape (k,), with a penalty for candidates after failed drives."""
+    """Return the scores of reachable frontiers, shape (k,), reduced by `FAILURE_PENALTY` after failed drives."""
     return np.where(candidates["failures"] > 0, scores - FAILURE_PENALTY, scores)
 
 
@@ -173,9 +172,9 @@ def _is_beyond(members, start, reach, limit):
 def find_candidates(occupancy, layer, expansion, queue, start, frontier, min_lengths, max_candidates, tables):
     """Find the reachable frontiers with the lowest path costs, at least `max_candidates` if possible.
 
-    `layer`: costmap and cell weights, see `_expand`. `frontier`: see `split_groups`. `min_lengths`: minimum frontier
-    lengths [cells], tried in order until a frontier is reachable. Returns partly filled `CANDIDATE` records
-    (`group_size` in cells) and the search queue.
+    `layer`: costmap and cell weights for path search. `frontier`: frontier cells, and their parts from `split_groups`.
+    `min_lengths`: minimum frontier lengths [cells], tried in order until a frontier is reachable. Returns partly filled
+    `CANDIDATE` records (`group_size` in cells) and the search queue, perhaps enlarged.
     """
     costs, open_weights = layer
     cells, parts = frontier
@@ -229,11 +228,11 @@ def _clearance(occupancy, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def describe(raster, table, tables, frame, theta, now, past):
-    """Compute positions, features, ages and failures of reachable frontiers, in place in `table`.
+    """Complete the `CANDIDATE` records of reachable frontiers in `table`: positions, features, ages and failed drives.
 
-    `raster`: occupancy, and predecessors of the search with a border. `frame`: origin (x, y), map frame, and cell side
-    [m]. `past`: previous frontiers (x, y) and times of first appearance, shape (n, 3); frontiers of failed drives,
-    shape (m, 2); last chosen frontier, NaN for none; matching radius [m].
+    `raster`: occupancy, and last move of the path to each cell (with a border). `frame`: origin (x, y), map frame, and
+    cell side [m]. `past`: previous frontiers (x, y) and times of first appearance, shape (n, 3); frontiers of failed
+    drives, shape (m, 2); last chosen frontier, NaN for none; matching radius [m].
 
     Returns the frontiers for the next call, shape (k, 3), and the index of the last chosen frontier, -1 for none.
     """

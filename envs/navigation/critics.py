@@ -21,13 +21,12 @@ NUM_CRITICS = 7
 FRONT_DISTANCE = 0.1
 """Distance from the robot to the point ahead that alignment critics score [m] (Nav2's `forward_point_distance`)."""
 STOPPED_SPEED = 0.25
-"""Maximum speed that counts as stopped at the goal [m/s]."""
 SLOWING_FACTOR = 5.0
 """Weight of the squared forward speed while the robot stops at the goal [s2/m2]."""
 
 
 class RolloutParams(NamedTuple):
-    """Trajectory parameters: current twist, acceleration limits, duration [s], maximum step [m] and turn [rad]."""
+    """Trajectory simulation: initial twist, acceleration limits, time [s], maximum step [m] and turn [rad] per pose."""
 
     v: float
     w: float
@@ -46,10 +45,9 @@ class Rasters(NamedTuple):
     squared: np.ndarray
     """Squared distance to the nearest obstacle, at most the inflation radius, shape (side, side), uint16 [cells2]."""
     steps: np.ndarray
-    """Steps around obstacles from each cell to the path, to the local goal on the path, and to a point beyond, shape
-    (3, side, side), int32; see `spread`."""
+    """Number of 4-connected moves around obstacles from each cell to three targets, shape (3, side, side), int32: the
+    path, the local goal on the path, and a point `FRONT_DISTANCE` beyond this goal."""
     resolution: float
-    """Side of a cell [m]."""
 
 
 class Ending(NamedTuple):
@@ -189,10 +187,10 @@ def _steps_at(distances, x, y, resolution, must_lead):
 
 @njit(cache=True, error_model="numpy")
 def judge(twists, banned, rollout, ending, rasters, people, radius, scores):
-    """Score twists by every critic; lower is better, NaN rejects a twist.
+    """Score velocity commands (twists) by seven critics; lower is better, NaN rejects a twist.
 
     `twists`: shape (n, 2) [m/s, rad/s]. `banned`: reject v < 0, v > 0, w < 0 or w > 0 (oscillation). `people`,
-    `radius`: see `meets_people`. Writes `scores`, shape (n, 7), one column per critic, from `ROTATE_TO_GOAL` on.
+    `radius`: see `meets_people`. Writes `scores`, shape (n, 7): columns from `ROTATE_TO_GOAL` to `GOAL_DIST`.
     """
     poses = np.empty((1000, 3))
     to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]

@@ -22,11 +22,10 @@ from lidarnaut.envs.simulation import Reading, Twist
 
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
 WALKING_SPEED = 0.2
-"""Speed above which a person counts as walking [m/s]."""
 EXIT_REACH, MAX_EXITS = 0.3, 3
 """Maximum length [m] of drives out of a mapped obstacle, and maximum number of successive drives."""
 MET_CELL = 0.3
-"""Cell side of the grid with the last seen position of a person per cell [m]."""
+"""Grid spacing for storing positions where people were seen, one per cell [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
 
 
@@ -222,7 +221,7 @@ class FrontierNavigator:
 
     @property
     def check_from(self) -> float:
-        """Number of control periods before a frontier may count as vanished; inf if the map is unchanged."""
+        """Number of control periods before a drive's frontier may count as vanished; inf if the map is unchanged."""
         return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:
@@ -367,7 +366,6 @@ class FrontierNavigator:
             planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> bool:
-        """Exclude frontier cells in sight from later drives; return False if the robot must look around first."""
         if not self._is_frontier_left():
             return True
         assert self.target is not None

@@ -57,7 +57,7 @@ BLOCKED_REASONS = {
 DETOUR_TIME = 10.0
 """Duration of treating people as obstacles after a failed drive, so that paths avoid them [s]."""
 APPROACH_DISTANCE = 0.3
-"""Distance to a goal that has a heading, below which pure pursuit replaces the local planner [m]."""
+"""Pure pursuit replaces the local planner this near to a goal with a heading [m]."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Spacing of the points that a search around the goal visits, and maximum path length to the next point [m]."""
 HOME = (0.0, 0.0)
@@ -69,7 +69,7 @@ ON_GROWING_MAPS = PlanningParams(
 )
 """Planning parameters for growing maps: mark obstacles up to 8 m away, allow gaps as narrow as the footprint."""
 NUM_FITTING = 2
-"""Number of largest footprint radii tried first on growing maps. Smaller ones are a last resort for outdated maps."""
+"""Number of footprint radii tried first on growing maps, from the largest; smaller radii are a last resort."""
 
 
 class LocalPlanner(Protocol):
@@ -467,6 +467,6 @@ class HomeNavigator(GoalNavigator):
 
     @property
     def home_reason(self) -> str | None:
-        """Outcome: `"arrived_home"` (by pose estimate) or `"no_path_home"`; None while driving."""
+        """Outcome of the drive: `"arrived_home"` (by pose estimate) or `"no_path_home"`; None while driving."""
         reasons = {None: None, "arrived": "arrived_home"}
         return reasons.get(self.end_reason, "no_path_home")

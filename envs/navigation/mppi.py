@@ -22,13 +22,13 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 COLLISION_COST = 1e5
-"""Cost of a collision at the last step of a twist sequence; twice as much at the first step."""
+"""Cost of a collision: decreases linearly from 2e5 at the first step of a trajectory to 1e5 at its end."""
 SPIN_STRIDE = 10
 """Every `SPIN_STRIDE`-th twist sequence turns on the spot, because noise rarely samples such turns."""
 HEADING_OFFSET = 10
 """Number of path points from the nearest point to the point that the robot should face."""
 HEADING_RADIUS = 0.2
-"""Distance to the path point ahead below which heading costs nothing [m]."""
+"""The cost `angle` is zero this near to the path point that the robot should face [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class MppiParams:
     backwards: float = 0.0
     """Maximum backward speed, as a fraction of the maximum speed (Nav2: 0.7)."""
     follow: float = 10.0
-    """Cost per second of driving the remaining path at full speed, averaged over a twist sequence."""
+    """Cost per second of remaining driving time at full speed along the path, averaged over a sampled trajectory."""
     align: float = 2.0
     """Cost per metre of mean distance from the path."""
     angle: float = 1.0

@@ -67,7 +67,6 @@ class Navigator:
         self._path = NO_POINTS
         self._period = control_period
         self.velocity = Twist(0.0, 0.0)
-        """Current velocity by odometry."""
         self.motion = ORIGIN
         """Relative pose between the last two readings, by odometry."""
 
@@ -146,7 +145,7 @@ class Navigator:
         self.record["index"] = 0
 
     def apply_correction(self, correction: Correction) -> None:
-        """Apply a map correction, such as a loop closure, to path, goal and view position."""
+        """Transform the path, the goal and the position to face there by a map correction, such as a loop closure."""
         if not self.has_goal:
             return
         record, first = self.record, int(self.record["index"])

@@ -25,7 +25,7 @@ DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 WELL_IN_VIEW = 0.8
 """Central fraction of the field of view; a robot turns until the chosen frontier is inside."""
 CONTACT_MARGIN = 0.05
-"""Margin around the footprint for deleting contact points of a stalled robot [m]."""
+"""A stalled robot deletes remembered obstacle points this near to its footprint [m], since contacts may enclose it."""
 NAVIGATOR = record_type(
     [
         *FOLLOWER_FIELDS,

@@ -144,9 +144,10 @@ def write_path(costs, weights, expansion, cell, side, origin):
 
 @njit(cache=True, error_model="numpy")
 def search_goal(layer, weights, expansion, queue, start, goal, slack):
-    """Search for the cheapest path to the free cell nearest to a goal cell, at most `slack` cells away.
+    """Search for the cheapest path to a goal cell, or to the nearest free cell at most `slack` cells away.
 
-    Returns this cell, (-1, -1) without a path, and the search queue. `layer`: costmap and cell weights.
+    Returns the end cell, (-1, -1) without a path, and the search queue, perhaps enlarged. `layer`: costmap and cell
+    weights.
     """
     costs, open_weights = layer
     row, col = nearest_cell(costs, weights, goal[0], goal[1], slack, COST_MAX_FREE)

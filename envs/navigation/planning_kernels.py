@@ -78,7 +78,7 @@ def clear_beams(marks, x, y, angles, lengths):
 
 @njit(cache=True, error_model="numpy")
 def mark(marks, occupancy, cells, reach):
-    """Mark cells as occupied, except within `reach` cells of an occupied map cell; no exception if -1."""
+    """Mark cells as occupied in `marks`, except within `reach` cells of an occupied map cell; -1 marks all cells."""
     height, width = occupancy.shape
     for k in range(cells.shape[0]):
         row, col = cells[k]

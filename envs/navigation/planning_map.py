@@ -114,7 +114,7 @@ class PlanningMap:
             self._pending = changed.shifted(*self._corner).union(self._pending)
 
     def reach_beyond(self, points: Sequence[tuple[float, float]], margin: float) -> None:
-        """Enlarge the planning map at the next `update`, to `margin` [m] beyond map and points, map frame."""
+        """Add unknown space to the planning map at the next `update`: `margin` [m] beyond map and `points` (x, y)."""
         self._beyond, self._points, self._data = margin, np.array(points), None
 
     def refresh(self) -> None:

@@ -36,7 +36,7 @@ class PlanningParams:
     view_range: float = 8.0
     """Radius for counting unknown area in view of a viewpoint [m], limited by the lidar's range."""
     heading_distance: float = 0.6
-    """Path length to the point ahead whose direction is the policy input `turn` [m]."""
+    """Length of the first stretch of a path, whose direction is the policy input `turn` [m]."""
 
     def costmap(self, robot_radius: float) -> CostmapParams:
         """Return inflation parameters for a footprint radius [m]."""
@@ -72,8 +72,8 @@ class NavigatorParams:
     spin_rate: float = 1.0
     """Yaw rate of recovery spins [rad/s], limited by the robot."""
     look_radius: float = 3.0
-    """Frontier cells this near to a frontier are ignored after repeated failed drives, in robot radii; at most 0.75 m.
-    After a visit, so are cells in sight up to this distance beyond."""
+    """Frontier cells within this distance of a frontier are ignored after `max_failures` failed drives, in robot radii;
+    at most 0.75 m. After a visit, cells in sight up to this distance beyond the frontier are ignored."""
     retry_radius: float = 0.5
     """Distance below which frontiers count as the same in numbers of failures and ages [m]."""
     max_failures: int = 3

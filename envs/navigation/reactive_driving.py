@@ -9,9 +9,8 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
-"""Curvatures of tested arcs [1/m]."""
 ARC_LENGTH = 1.2
-"""Length of the arcs tested for collisions, minus the robot's radius [m]."""
+"""Length of the arcs tested for collisions [m]; the robot's radius is added."""
 CLEARANCE_MARGIN = 0.04
 """Distance kept from obstacles [m]."""
 SPEED = 0.7
@@ -21,7 +20,6 @@ TURN_RATE = 0.8
 BIAS_TIME = (6.0, 15.0)
 """Minimum and maximum time between changes of the random curvature bias [s]."""
 MAX_BIAS = 0.3
-"""Maximum random curvature bias [1/m]."""
 
 
 class ReactiveDriver:

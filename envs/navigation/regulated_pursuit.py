@@ -19,7 +19,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 BEND_CHORD = 5
-"""Number of path steps across which path direction is measured."""
+"""Path direction is measured between points this number of path segments apart, to slow down before bends."""
 NEAREST_WINDOW = 40
 """Number of path points searched for the point nearest to the robot."""
 NUM_SQUEEZES, SQUEEZE_STEP = 5, 0.1
@@ -51,8 +51,7 @@ class FollowerParams:
     nearness_time: float = 0.6
     """Minimum time to close the gap to an obstacle [s]; limits the speed near obstacles."""
     margin: float = 0.4
-    """Distance kept from obstacles, in robot radii; at most 0.03 m. Reduced by 1.5 standard deviations of lidar noise,
-    which shortens the nearest range."""
+    """Distance kept from obstacles, in robot radii; at most 0.03 m. Minus 1.5 standard deviations of lidar noise."""
     sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
     """Rotations of the lookahead point to either side, tried to steer past obstacles [rad]."""
     braking: float = 0.5

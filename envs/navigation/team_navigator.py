@@ -26,14 +26,13 @@ BLOCKING_REACH = 1.5
 PEER_CLEARANCE = 0.05
 """Additional clearance to peers, because peers move [m]."""
 PREDICTION_TIME = 0.5
-"""Prediction time for the motion of peers [s]."""
 
 
 def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray, overlap: float = OVERLAP) -> None:
     """Reduce the unknown area in view (`visible`) of candidates near another robot's frontier, in place.
 
-    Up to `overlap` [m] from `frontier` (x, y), map frame, area is scaled by distance (after Burgard, Moors, Stachniss,
-    Schneider, "Coordinated multi-robot exploration", 2005).
+    Within `overlap` [m] of `frontier` (x, y), map frame, area is multiplied by distance divided by `overlap` (after
+    Burgard, Moors, Stachniss, Schneider, "Coordinated multi-robot exploration", 2005).
     """
     gaps = np.hypot(*(candidates["frontier"] - frontier).T)
     candidates["visible"][:] *= np.minimum(gaps / overlap, 1.0)
@@ -72,7 +71,7 @@ class TeamNavigator:
     ) -> list[TeamRobot]:
         """Process a reading of each robot; return the robots that need a new frontier.
 
-        Idle robots are included if another robot needs a frontier, or if `is_asked`.
+        Robots that pause without a frontier are included if another robot needs a frontier, or if `is_asked`.
         """
         self._poses, due = [belief.pose for belief in beliefs], list[TeamRobot]()
         for robot in self.team:

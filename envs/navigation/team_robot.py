@@ -22,7 +22,7 @@ PAUSE_TIME = 1.0
 BLOCKED_TIME = 1.0
 """Time without progress after which a robot counts as blocked [s]."""
 PASSED_CLEARANCE = 0.5
-"""Distance from another robot's path, beyond two robot radii, that ends waiting for the other robot [m]."""
+"""A waiting robot drives on at this distance from the passing robot's remaining path, plus two robot radii [m]."""
 MAX_WAIT = 15.0
 
 
@@ -122,9 +122,9 @@ class TeamRobot(FrontierNavigator):
         return self.driving_to is not None and not self.navigator.is_recovering
 
     def advance(self, reading: Reading, belief: Belief, *, is_asked: bool) -> bool:
-        """Process a reading without beams that hit teammates; return True if the robot needs a new frontier.
+        """Process a reading, with beams on teammates set to NaN; return True if the robot needs a new frontier.
 
-        `is_asked`: search for frontiers even during a pause.
+        `is_asked`: search for frontiers even during a pause (see `wait`).
         """
         self._idle_steps = 0 if self.driving_to is not None else self._idle_steps + 1
         self._pause_steps -= 1
@@ -153,7 +153,7 @@ class TeamRobot(FrontierNavigator):
             self.integrate(belief)
 
     def refresh(self, reading: Reading, belief: Belief) -> None:
-        """Find reachable frontiers during a drive, to choose again within the same time limits."""
+        """Find reachable frontiers during a drive. The next `choose` continues the time limits of this drive."""
         self._keeps_clocks = True
         self.find_candidates(reading, belief)
 
