@@ -57,7 +57,7 @@ class TaskResults:
     name: str
     measure: Measure
     steps: Mapping[str, np.ndarray]
-    """Training steps before each evaluation, by algorithm: shape (num_evaluations,)."""
+    """Training steps before each evaluation of a learned policy, by algorithm: shape (num_evaluations,)."""
     scores: Scores
     """Values of the task's ranking measure by algorithm: shape (num_evaluations, seeds, episodes), float64."""
     references: Scores

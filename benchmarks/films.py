@@ -23,7 +23,6 @@ NUM_FRAMES = 48
 FRAME_MS, HOLD_MS = 100, 3000
 """Display time of a frame, and of the final frame [ms]."""
 QUALITY = 50
-"""Quality of WebP images, 0 to 100."""
 WORLDS = {
     "lidarnaut/Explore-v0": "aws_small_house",
     "lidarnaut/ExploreFrontiersAbstract-v0": "rrt_house",
@@ -41,12 +40,11 @@ class Film:
         self._env: Any = lidar_env_of(env)
         self._interval, self._most = (self._env.control_period, NUM_FRAMES) if every is None else (every, math.inf)
         self.frames: list[np.ndarray] = []
-        """RGB images, each of shape (height, width, 3), uint8."""
         self._plans: list[float] = []
         self._env.on_period = self.shoot
 
     def shoot(self, _: Any) -> None:
-        """Record a frame after each interval; at the maximum, drop every second frame and double the interval."""
+        """Record a frame when due; at the maximum, drop every second frame and double the interval."""
         if self._env.time < len(self.frames) * self._interval - 1e-6:
             return
         if len(self.frames) == self._most:

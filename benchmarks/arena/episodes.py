@@ -14,14 +14,12 @@ from lidarnaut.benchmarks.arena.statistics import Estimate, estimate, gap_closed
 from lidarnaut.envs.measures import Measure
 
 REFERENCES = ("nearest", "frontier", "pursuit", "rrt_team", "route_follower")
-"""Names of policies to use as the reference of comparisons, in order of preference. Without them, the first policy is
-used."""
+"""Names of policies that serve as the reference of comparisons, in order of preference; otherwise, the first policy."""
 
 Case = tuple[str, ...]
-"""Conditions of an episode: world, robot, physics, SLAM or localizer, and people. Bootstrap strata have equal
-conditions."""
+"""Conditions of an episode: world, robot, physics, SLAM or localizer, and people."""
 Summary = dict[str, dict[str, dict[str, Estimate]]]
-"""Estimates of measures, by policy, conditions and measure name."""
+"""Estimates of performance measures by policy name, conditions and measure name."""
 
 
 def case_of(row: Row) -> Case:
@@ -33,7 +31,7 @@ def start_of(row: Row) -> tuple[Case, int]:
 
 
 def value_of(row: Row, measure: Measure) -> float:
-    """Return a measure of an episode, capped at its limit (such as the time limit) if it has one."""
+    """Return the value of a measure in an episode, capped at the time or distance limit if any."""
     return float(min(row[measure.name], row[measure.limit]) if measure.limit else row[measure.name])
 
 
@@ -67,7 +65,7 @@ class Episodes:
 
     @property
     def bound(self) -> str | None:
-        """Name of the first policy with access to ground truth, if any."""
+        """Name of the first policy with access to ground truth (upper bound of performance), if any."""
         return next(filter(is_bound, self.policies), None)
 
     @cached_property
@@ -101,7 +99,7 @@ class Episodes:
         return found if len(found) < len(self) and any(row["model"] for row in self) else Episodes((), self.measures)
 
     def shared(self, policies: Iterable[str] = ()) -> "Episodes":
-        """Return the episodes with conditions and seeds that all given policies have run.
+        """Return the episodes from starts (conditions and seed) that all given policies have run.
 
         Default: all policies without access to ground truth.
         """
@@ -129,11 +127,11 @@ class Episodes:
         return Episodes(related, self.measures)
 
     def values(self, policy: str, measure: Measure) -> list[np.ndarray]:
-        """Return a measure in all episodes of a policy: one array per combination of conditions, ordered by seed."""
+        """Return the values of a measure for a policy: one array per combination of conditions, ordered by seed."""
         return _strata([row for row in self.of(policy) if measure.name in row], measure)
 
     def pairs(self, a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Return a measure of two policies in episodes with equal conditions and seed.
+        """Return the values of a measure for two policies in episodes with equal conditions and seed.
 
         Both lists have one array per combination of conditions, in equal order.
         """
@@ -172,7 +170,7 @@ class Episodes:
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
 
     def gaps_closed(self, policy: str) -> dict[str, Estimate]:
-        """Return a policy's gain over the reference policy, as a share of the gain with ground truth, by measure.
+        """Return a policy's improvement on the reference, by measure, divided by that of the ground-truth policy.
 
         The result is empty for the reference itself, and without a policy that uses ground truth.
         """
@@ -200,7 +198,7 @@ def _strata(rows: Sequence[Row], measure: Measure, value: Callable[[Row, Measure
 
 
 def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
-    """Return the policies with the best rounded estimate, except those with ground truth; empty if all are equal."""
+    """Return the policies that are best after rounding, except those with ground truth; empty if all are equal."""
     shown = {
         policy: (float(measure.text(value.iqm)), value.is_bound[0])
         for policy, value in estimates.items()

@@ -17,7 +17,6 @@ from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.envs.files import append_file, naming, own_folder, read_bytes, read_json, read_mapping, write_file
 
 SETTINGS_FILE = "settings.json"
-"""File in the evaluation folder with package versions and the settings common to all episodes."""
 MAX_TABLE_BYTES = 64 * 2**20
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
 
@@ -119,7 +118,7 @@ class Records:
                 )
 
     def find(self, key: Key, model: str = "") -> Row | None:
-        """Return the row of an episode, or None; raise ValueError if the hash of its weights differs from `model`."""
+        """Return the row of an episode, or None; raise ValueError if `model`, the hash of the weights, differs."""
         row = self._rows.get(key)
         if row and row["model"] != model:
             raise ValueError(

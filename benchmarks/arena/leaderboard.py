@@ -16,11 +16,11 @@ from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")
 MIN_RATIO_VALUE = 1.0
-"""Smaller times [s] and distances [m] are raised to this value before ratios are computed."""
+"""Lower limit of times [s] and distances [m] in ratios between policies."""
 MARKS = (0.95, 0.99)
-"""Explored fractions below which episodes are counted in the table of unfinished episodes."""
+"""Explored fractions; the report counts the episodes that end below each of them."""
 DRIFT = 0.3
-"""Position RMSE above which a map counts as drifted [m]."""
+"""RMS position error above which the report describes a map as drifted [m]."""
 REASONS = {
     "time_limit": "time ran out",
     "no_reachable_frontier": "no reachable frontier left on its map",
@@ -153,7 +153,7 @@ def worlds_section(episodes: Episodes) -> Section:
 
 
 def axis_section(episodes: Episodes, axis: str) -> Section | None:
-    """Return a report section on the effect of one condition, such as SLAM or physics; None if all values are equal."""
+    """Return a report section on the effect of one condition, such as SLAM or physics; None if it never varies."""
     measures, values = episodes.measures, list(dict.fromkeys(row[axis] for row in episodes))
     if len(values) < 2:
         return None

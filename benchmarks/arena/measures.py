@@ -15,7 +15,7 @@ class Measures:
     """Performance measures of a task, grouped by the tables and figures that show them."""
 
     def __init__(self, own: Sequence[Measure], progress: str) -> None:
-        """Group the measures that a task declares; `progress` is the `info` key plotted over time."""
+        """Group `own`, the measures that a task defines; `progress` is the `info` key plotted over time."""
         self.own, self.progress = tuple(own), progress
         self.all = (*self.own, *COMMON, DECISION, SUCCESS)
         """All measures, in the column order of `episodes.csv`."""
@@ -23,16 +23,14 @@ class Measures:
         """Measure that ranks the policies."""
         others = tuple(measure for measure in self.own if not measure.is_headline)
         self.marks = tuple(measure for measure in self.own if measure.is_relative)
-        """Times and distances to a threshold, such as 95 % explored, that are compared relative to the reference
-        policy."""
+        """Measures of the time or distance until a threshold, such as 95 % explored; empty without a threshold."""
         self.mark = self.marks[0].label.removeprefix("time to ") if self.marks else ""
-        """Label of the threshold for relative times, such as "95 %"; empty without one."""
         self.relative = tuple(map(share_of, self.marks))
-        """Times and distances to a threshold, divided by those of the reference policy."""
+        """Measures of the time or distance until the threshold, divided by the reference policy's."""
         self.reached = (
             Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True),
         ) * bool(self.marks)
-        """Measure that is 1 if an episode reached the threshold, else 0; an empty tuple without a threshold."""
+        """Measure with value 1 if an episode reached the threshold, else 0; an empty tuple without a threshold."""
         self.decisive = (*self.relative, self.headline)[0]
         """Measure that decides which policy the summary names as best."""
         self.compared = self.headline, *(self.marks or others)
@@ -44,7 +42,7 @@ class Measures:
         self.shown = self.headline, *main, *self.relative, *self.reached, *ends
         """Measures shown as columns of the leaderboard."""
         self.on_axes = self.headline, *(self.reached or (SUCCESS,)), *self._named("position_rmse", "map_iou")
-        """Measures shown with absolute values in comparisons of SLAMs, simulators or crowds."""
+        """Measures shown besides differences in comparisons of SLAMs, simulators or crowds."""
         time = next((measure for measure in self.own if measure.limit), SUCCESS)
         safe, common = self._named("collisions"), COMMON[: NUM_BRIEF - 2]
         story = (self.marks[0], *common) if self.marks else (SUCCESS, time, *safe, *others, *common)
@@ -57,7 +55,7 @@ class Measures:
 
 
 def share_of(mark: Measure) -> Measure:
-    """Return the measure for a time or distance divided by the value of the reference policy."""
+    """Return the measure that divides a time or distance by the reference policy's."""
     name, label = f"relative_{mark.name}", f"{mark.label}, relative"
     return replace(mark, name=name, label=label, unit="", digits=2, scale=1.0, limit=f"{name}_limit")
 

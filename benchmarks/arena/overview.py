@@ -29,7 +29,7 @@ from lidarnaut.envs.player import Recording, build_page
 MAX_RELATIVE = 3.0
 """Upper end of plot axes for time and distance, as a multiple of the reference policy's value."""
 NUM_WORST, NUM_WORST_MAPS = 5, 3
-"""Number of worst episodes in the table, and number drawn as maps."""
+"""Number of worst episodes listed in the report, and number of these drawn as maps."""
 COLORS = "Colours: time of first observation of a cell. Red: true walls."
 
 

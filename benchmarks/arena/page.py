@@ -44,9 +44,9 @@ class Table(NamedTuple):
     head: Sequence[str]
     lines: Sequence[Sequence[Cell]]
     words: tuple[int, ...] = ()
-    """Indices of left-aligned text columns, besides the first."""
+    """Indices of text columns, which are left-aligned, besides the first."""
     is_open: bool = False
-    """Whether a long table is shown inline."""
+    """Whether the table is shown inline even if it is long."""
 
     @property
     def is_folded(self) -> bool:

@@ -29,7 +29,7 @@ def _hex(color: style.Colour) -> str:
 PAPER, INK, MUTED = "#ffffff", _hex(style.INK), _hex(style.MUTED)
 UNKNOWN, ERROR = "#e7e9ed", "#d43d2a"
 LINES = (*map(_hex, (style.TRUE, style.ESTIMATED, style.FRONTIER, style.LOOP)), "#d69400", "#42a5e0")
-"""Line colours of policies; further policies repeat the colours with the next line style."""
+"""Line colours of policies; if there are more policies, colours repeat with the next line style."""
 DASHES = ("solid", (0, (5.0, 1.2)), (0, (6.0, 1.5, 1.5, 1.5)))
 TIMES = LinearSegmentedColormap.from_list("times", ("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"))
 STYLE: dict[Any, Any] = {

@@ -23,7 +23,7 @@ Makers = Mapping[str, Callable[[], Any]]
 
 
 def is_bound(policy: str) -> bool:
-    """Return whether a policy's name has the suffix for ground truth."""
+    """Return whether a policy's name has the suffix that marks access to ground truth."""
     return policy.endswith(GROUND_TRUTH)
 
 
@@ -36,7 +36,7 @@ def short(policy: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """Picklable record to construct a policy in any process."""
+    """Picklable description of a policy, to construct it in any process."""
 
     name: str
     """Name or label given by the user, with a suffix if the policy uses ground truth."""

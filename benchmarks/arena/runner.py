@@ -150,7 +150,7 @@ class Evaluation:
         return failures
 
     def rows(self) -> list[Row]:
-        """Return the results of finished episodes, including those from other machines."""
+        """Return the results of finished episodes as rows of `episodes.csv`, including those of other machines."""
         return list(filter(None, map(self._find, self._tasks)))
 
     def slam_axis_rows(self) -> list[Row]:

@@ -20,13 +20,14 @@ from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 USUAL = "usual"
 """Value of a setting that selects the environment's default; for robots, the default of each world."""
 GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES), "barn": BARN_NAMES, "barn_test": BARN_NAMES[::6]}
-"""Names of the worlds in each group. `barn_test` is every sixth BARN world, as in the BARN benchmark.
+"""Names of worlds by group; in settings, the name of a group stands for all its worlds. `barn_test` is every sixth BARN
+world, as in the BARN benchmark.
 
 :meta hide-value:"""
 
 
 def estimator_of(id: str) -> str:
-    """Return the environment argument for the pose estimator, `slam` or `localizer`; empty without one."""
+    """Return the name of the environment argument that selects the pose estimator, `slam` or `localizer`, or ""."""
     return next((name for name in ("slam", "localizer") if name in arguments_of(id)), "")
 
 
@@ -46,7 +47,7 @@ class Case:
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     def name(self, part: str) -> str:
-        """Return the name of a condition in tables; `part` is `world`, `physics`, `slam` or `people`."""
+        """Return the value of a condition as shown in tables; `part` is `world`, `physics`, `slam` or `people`."""
         value, argument = getattr(self, part), estimator_of(self.id) if part == "slam" else part
         if part == "world" and self.label:
             return self.label
@@ -90,14 +91,14 @@ Episodes = Annotated[int, Field(ge=1, le=100_000)]
 
 
 class SlamAxis(Section):
-    """Comparison of SLAM algorithms with the same policies. It is omitted if `worlds` is empty."""
+    """Settings of a comparison of SLAM algorithms with the same policies; omitted if `worlds` is empty."""
 
     policies: tuple[str, ...] = ()
     worlds: tuple[str, ...] = ()
     episodes: Episodes = 5
     """Number of episodes per policy, world and SLAM."""
     slam: tuple[str, ...] = Field(default=("truth", "odometry", DEFAULT_SLAM), min_length=1)
-    """Names of SLAM algorithms. The others are compared with `truth`, if included, or with the first."""
+    """Names of the compared SLAM algorithms. Differences are relative to `truth`, if included."""
 
 
 class Settings(Section):
@@ -115,7 +116,7 @@ class Settings(Section):
     groups `library`, `families`, `barn` and `barn_test` (every sixth BARN world). `barn:12` is a single world,
     `usual` the environment's default. `LABEL=PATH` sets the name in tables."""
     episodes: Episodes = 10
-    """Number of episodes per policy and world."""
+    """Number of episodes per policy and combination of conditions (world, robot, ...)."""
     family_episodes: Episodes | None = None
     """Number of episodes per policy and procedural family, each in a new world; null for the value of `episodes`."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
@@ -171,14 +172,14 @@ class Settings(Section):
         return tuple(dict.fromkeys((*self.policies, *self.slam_axis.policies)))
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield conditions, seed and policy names of all episodes, without the SLAM comparison."""
+        """Yield conditions, seed and policy names of each start, without the SLAM comparison."""
         for case in self._cases(self.worlds, self.robots, self.physics, self.slam, self.people):
             episodes = (case.name("world") in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):
                 yield case, seed, self.policies
 
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield conditions, seed and policy names of the SLAM comparison."""
+        """Yield conditions, seed and policy names of each start in the SLAM comparison."""
         axis = self.slam_axis
         for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam, self.people[:1]):
             for seed in range(self.seed, self.seed + axis.episodes):

@@ -12,9 +12,8 @@ from scipy import stats
 
 Strata = Sequence[np.ndarray]
 TAILS = (0.025, 0.975)
-"""Quantiles at the ends of the 95 % interval."""
 NUM_RESAMPLES, NUM_CURVE_RESAMPLES = 2000, 500
-"""Number of bootstrap resamples for scalars, and for curves."""
+"""Numbers of bootstrap resamples for scalars and curves."""
 
 
 class Estimate(NamedTuple):
@@ -26,13 +25,13 @@ class Estimate(NamedTuple):
     high: float
     n: int
     never: int = 0
-    """Number of episodes that missed the threshold and have the time or distance limit as value."""
+    """Number of episodes that never reached the threshold; their value is the time or distance limit."""
     is_bound: tuple[bool, ...] = (False, False, False)
-    """Whether estimate, lower and upper end are only lower bounds, because episodes missed the threshold."""
+    """Whether estimate, lower end and upper end are lower bounds, because episodes missed the threshold."""
 
 
 Band = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Curve, lower end and upper end of its 95 % interval: shape (points,) each, or scalars."""
+"""Curve with the lower and upper end of its 95 % interval: arrays of shape (points,), or scalars."""
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -110,9 +109,9 @@ def probability_of_improvement(a: Strata, b: Strata, higher_is_better: bool) -> 
 
 
 def gap_closed(gains: Strata, bounds: Strata) -> Estimate:
-    """Return the gain of a policy over the reference policy, divided by the gain of an upper bound.
+    """Return a policy's improvement on the reference policy, divided by that of an upper-bound policy.
 
-    Gains are interquartile means. NaN if the bound's gain is not significantly positive.
+    Improvements are interquartile means. NaN if the upper bound is not significantly better than the reference.
     """
     gap = estimate(bounds)
     if gap.low <= 0.0:
@@ -124,10 +123,10 @@ def gap_closed(gains: Strata, bounds: Strata) -> Estimate:
 
 
 def performance_profile(strata: Strata, thresholds: np.ndarray) -> Band:
-    """Return the share of episodes with a score above each threshold."""
+    """Return a performance profile: the share of episodes with a score above each threshold, with 95 % interval."""
     return bootstrap([np.asarray(values)[:, None] > thresholds for values in strata], np.mean, NUM_CURVE_RESAMPLES)
 
 
 def curve_band(strata: Strata) -> Band:
-    """Return the interquartile mean of curves, shape (episodes, points) per world."""
+    """Return the interquartile mean of curves, shape (episodes, points) per world, with 95 % interval."""
     return bootstrap(strata, interquartile_mean, NUM_CURVE_RESAMPLES)

@@ -21,7 +21,10 @@ WHAT, HINT = "trace of an episode", "choose another --out, or remove the folder"
 
 
 class ProgressCurve(NamedTuple):
-    """Task progress at the reset and after every step: shape (n,), float64 when recorded, float32 when loaded."""
+    """Task progress over time and distance, at the reset and after every step.
+
+    Arrays have shape (n,), float64 when recorded, float32 when loaded.
+    """
 
     time: np.ndarray
     """Time since the reset [s]."""

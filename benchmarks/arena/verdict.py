@@ -12,7 +12,7 @@ from lidarnaut.benchmarks.arena.statistics import Estimate, paired_difference
 from lidarnaut.envs.measures import Measure
 
 NUM_NAMED = 3
-"""Maximum number of tied policies that the summary names."""
+"""Maximum number of policies that the summary names as tied with the best."""
 
 
 def verdict_section(episodes: Episodes) -> Section | None:
@@ -50,7 +50,7 @@ def verdict_section(episodes: Episodes) -> Section | None:
 
 
 def verdict(episodes: Episodes) -> str:
-    """Return a sentence with the best policy and its result, tied policies, and the result with ground truth.
+    """Summarize an evaluation in a sentence: best policy, tied policies, and result of the ground-truth policy.
 
     Policies are tied if the 95 % interval of their paired difference contains 0.
     """

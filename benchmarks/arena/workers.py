@@ -29,10 +29,10 @@ from lidarnaut.envs.processes import interrupts_held
 from lidarnaut.envs.wrappers import BagRecorder
 
 WARM_UP_STEPS = 20
-"""Number of untimed steps per policy and process, for compilation."""
+"""Number of steps before a policy's first episode in a process, so that compilation is not timed."""
 NOT_RUN = "not tried yet"
 FAULTS = (Exception, SystemExit)
-"""Exceptions caught in user code. The episode fails, and the evaluation continues."""
+"""Exceptions that count as a failed episode; the evaluation continues."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Job:
 
     @property
     def conditions(self) -> tuple[Any, ...]:
-        """Key that identifies the environment. Episodes with equal keys run in the same environment object."""
+        """Environment settings as a key; episodes with equal keys share an environment object."""
         return self.case, repr(self.policy.arguments)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
@@ -64,9 +64,9 @@ class Result:
 
     key: Key
     row: Row | None = None
-    """Values by column name of `episodes.csv`; None after a failure."""
+    """Measured values by column name of `episodes.csv`; None after a failure."""
     trace: bytes = b""
-    """Content of the file with progress, path and map; empty after a failure."""
+    """Content of the NPZ file with progress, path and map (`Trace`); empty after a failure."""
     recording: bytes = b""
     """Content of the replay file; empty without a recording."""
     reason: str = ""
@@ -160,7 +160,7 @@ def run_in_worker(task: Job) -> Result:
 
 
 def prepare(env: gymnasium.Env[Any, Any], policy: Driver, seed: int, steps: int = 0) -> None:
-    """Reset environment and policy, and run a few steps that are not measured."""
+    """Warm up: reset environment and policy, and run `steps` steps that are not recorded."""
     observation, info = begin_episode(env, policy, seed, np.random.default_rng(seed))
     run(env, decide_with(policy, env), observation, info, max_steps=steps)
 

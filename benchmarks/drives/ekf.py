@@ -36,7 +36,7 @@ PAPER = {
 }
 """Results of Nguyen et al. (2021) with AMCL, encoders and compass: RMSE (equations 11 and 12) and maximum errors."""
 DRIVER = "full"
-"""Fusion whose pose estimate drives the robot; it uses all sensors. Other filters process the same measurements."""
+"""Name of the sensor fusion that controls the robot; it uses AMCL, encoders and compass."""
 LABELS = {
     "encoder": "encoder alone",
     "amcl": "AMCL alone",
@@ -46,7 +46,7 @@ LABELS = {
 COLOURS = dict(zip(LABELS, (LINES[1], LINES[2], LINES[3], LINES[0])))
 Physics = Literal["kinematic", "bullet"]
 Delivery = tuple[float, Measurement]
-"""Delay of a measurement [s], inf if lost, and the measurement."""
+"""Measurement on its way to the filter: delay [s], inf if lost, and the measurement."""
 Fault = Callable[[Measurement, np.random.Generator], Delivery]
 
 
@@ -64,7 +64,7 @@ def _wrong(measurement: Measurement, rng: np.random.Generator) -> Delivery:
 FILTERS: dict[str, Fault] = {
     name: _lost_if(lambda sent, rng, kinds=kinds: sent.kind not in kinds) for name, kinds in FUSIONS.items() if kinds
 }
-"""Functions that drop the measurements unused by a fusion (set of sensors), by name of the fusion."""
+"""Sensor fusions by name, each as a function that drops the measurements of unused sensors."""
 FAULTS: dict[str, Fault] = {
     "none": lambda sent, rng: (0.0, sent),
     "each up to 0.8 s late, out of order": lambda sent, rng: (rng.uniform(0.0, 0.8), sent),
@@ -76,11 +76,11 @@ FAULTS: dict[str, Fault] = {
     "no map": _lost_if(lambda sent, rng: sent.kind == "map"),
     "no encoders": _lost_if(lambda sent, rng: sent.kind == "encoder"),
 }
-"""Functions that delay, drop or corrupt measurements, by name of the fault."""
+"""Simulated faults by name, as functions that delay, drop or corrupt measurements."""
 
 
 class FaultyChannel:
-    """EKF that receives late, missing or wrong measurements."""
+    """Faulty connection to an EKF: measurements arrive late, wrong or never."""
 
     def __init__(self, ekf: Ekf, fault: Fault, rng: np.random.Generator) -> None:
         self.ekf, self._fault, self._rng = ekf, fault, rng
@@ -113,11 +113,11 @@ class RouteDrive:
     truth: np.ndarray
     """True poses (x, y, heading) in the map frame, shape (n, 3), float64 [m, m, rad]."""
     estimated: dict[str, np.ndarray]
-    """Estimated poses (x, y, heading) in the map frame, by filter: shape (n, 3), float64 [m, m, rad]."""
+    """Estimated poses (x, y, heading) in the map frame, by filter name: shape (n, 3), float64 [m, m, rad]."""
     covariance: dict[str, np.ndarray]
-    """Covariances of x, y [m] and heading [rad] by filter, shape (n, 3, 3), float64."""
+    """Estimated covariances of x, y [m] and heading [rad], by filter name: shape (n, 3, 3), float64."""
     verdicts: dict[str, Counter[str]]
-    """Number of measurements by filter and outcome: `accepted`, `gated` (rejected as outlier), `too_old`, ..."""
+    """Number of measurements by filter name and decision: `accepted`, `gated` (rejected as outlier), `too_old`, ..."""
 
     def error(self, name: str) -> np.ndarray:
         """Return the pose errors (x, y, heading) of a filter: shape (n, 3), heading in [-180, 180) [mm, mm, deg]."""
@@ -189,7 +189,7 @@ def make_env(physics: str, map_seed: int) -> LidarEnv:
 def run_drive(
     physics: str, seed: int, filters: Mapping[str, Fault] = FILTERS, max_steps: int | None = None
 ) -> RouteDrive:
-    """Map the route, drive along it with the fused pose, and return truth and estimates.
+    """Simulate a drive along the mapped route, controlled by the fused pose; return true and estimated poses.
 
     Each of the `filters` processes the same measurements with its own fault (delay, loss or error).
     """
@@ -233,7 +233,7 @@ def nees_bounds(num_drives: int) -> tuple[float, float]:
 
 
 def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
-    """Return the median and maximum over drives of each pose error of a fusion.
+    """Return a filter's pose errors: median and maximum over drives.
 
     Names of maxima end with `_worst`. `nees` is the mean normalised estimation error squared (3 if consistent).
     `nees_within` is the share of control periods whose NEES, averaged over drives, lies within its 95 % bounds.

@@ -39,20 +39,20 @@ from lidarnaut.envs.worlds import load_world
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
 TRACKING_TIME, KIDNAPPED_AT, RECOVERY_TIME = 60.0, 20.0, 90.0
-"""Durations [s]: tracking or global localization, driving before kidnapping, and driving after kidnapping."""
+"""Durations of tracking or global localization, and of driving before and after a kidnapping [s]."""
 MAX_POSITION_ERROR, MAX_HEADING_ERROR = 0.5, math.radians(20.0)
 """Maximum errors of a correct pose estimate [m, rad]."""
 MIN_CORRECT_TIME = 5.0
-"""Minimum time with only correct estimates at the end of a successful localization [s]."""
+"""Minimum time of correct estimates at the end of a successful localization [s]."""
 START_STD = (0.05, 0.05, 0.05)
-"""Standard deviations of the initial pose (x, y, heading) in simulated worlds [m, m, rad]."""
+"""Standard deviations of AMCL's initial pose (x, y, heading) in simulated worlds [m, m, rad]."""
 LOG_START_STD = (0.1, 0.1, 0.05)
-"""Standard deviations of the initial pose (x, y, heading) on the log of a real robot [m, m, rad]."""
+"""Standard deviations of AMCL's initial pose (x, y, heading) on the log of a real robot [m, m, rad]."""
 LOG_SEEDS = range(100, 105)
 SHARE_OF_HITS = 16
-"""A map cell is occupied if at least this percentage of the beams that reach the cell end in the cell.
+"""Minimum percentage of hits for an occupied map cell, among beams that hit or cross the cell.
 
-Equivalent to log-odds with probability 0.9 for an end and 0.4 for a crossing, as in Hector SLAM."""
+Equivalent to log-odds with probability 0.9 for a hit and 0.4 for a crossing, as in Hector SLAM."""
 HIT_COUNTS = TinySlamParams(
     resolution=0.05,
     map_width=60.0,
@@ -64,7 +64,7 @@ HIT_COUNTS = TinySlamParams(
     raw_quality=1.0,
     skip_exceeding=True,
 )
-"""Parameters of a map whose cells hold the percentage of beams that end in the cell."""
+"""Parameters for maps whose cells hold the percentage of hits, among beams that hit or cross the cell."""
 NAV2_PROB = replace(PRESETS["nav2"], sensor="likelihood_field_prob")
 NO_RELOCALIZATION = replace(PRESETS["default"], relocalize=False)
 FILTERS = {
@@ -81,7 +81,7 @@ FILTERS = {
 def localize(
     amcl: Amcl, grid: OccupancyGrid, drive: Drive, seed: int, start_std: tuple[float, float, float] | None
 ) -> dict[str, np.ndarray]:
-    """Run AMCL on a map along a recorded drive; return poses, lost flags, update times and particle numbers by name.
+    """Run AMCL on a known map along a recorded drive; return poses, lost flags, update times, ... by name.
 
     `start_std` are standard deviations of the initial pose [m, m, rad]; None for global localization.
     """
@@ -108,7 +108,7 @@ def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: f
 
 
 def symmetries(grid: OccupancyGrid, share: float = 0.9) -> list[Pose2D]:
-    """Return the rotations by multiples of 30 degrees that map a grid to itself, as rigid motions in the map frame.
+    """Return the rotational symmetries of a map (multiples of 30 degrees) as motions in the map frame.
 
     At least a `share` of the occupied cells must land within two cells of an occupied cell.
     """
@@ -162,7 +162,7 @@ def compare_amcl(
 
 
 def time_quantile(times: Sequence[float], share: float) -> float | None:
-    """Return a quantile of times, infinite for events that never happened; None if the quantile is infinite."""
+    """Return a quantile of times until an event, inf if it never happened; None if the quantile is infinite."""
     if math.isinf(np.quantile(times, share, method="higher")):
         return None
     return float(np.quantile(np.nan_to_num(times), share))
@@ -235,7 +235,7 @@ def load_reference(path: Path, num_scans: int | None = None) -> tuple[Log, Drive
 
 
 def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
-    """Return the map from a log's scans at reference poses (x, y, heading), shape (m, 3) [m, m, rad]."""
+    """Build an occupancy grid from a log's scans at reference poses (x, y, heading), shape (m, 3) [m, m, rad]."""
     mapper = KnownPoses(log.lidar, HIT_COUNTS)
     mapper.reset(np.random.default_rng(0))
     poses = [Pose2D(0.0, 0.0, 0.0), *(Pose2D(*row) for row in reference.tolist())]

@@ -16,7 +16,7 @@ from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.rendering import style
 
 WALL_TOLERANCE = 0.15
-"""Distance to the nearest true wall above which an occupied map cell is wrong [m]."""
+"""Distance to the nearest true wall above which an occupied map cell counts as wrong [m]."""
 VIEW_MARGIN = 0.5
 COLUMNS, WIDTH = 3, 10.5
 """Panels per row, and width of the figure [in]."""
@@ -25,7 +25,7 @@ LEGEND = {"wall": style.OCCUPIED, "free": style.FREE, "unknown": style.UNKNOWN, 
 
 
 class Panel(NamedTuple):
-    """Map plotted in one panel of a figure."""
+    """Map plotted in one panel of a figure; the figure's frame is common to all panels."""
 
     title: str
     grid: OccupancyGrid

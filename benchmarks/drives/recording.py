@@ -28,7 +28,7 @@ DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).resolve().parents[3]
 LOG = DATA / "intel" / "scans_2725.npz"
 """Lidar and odometry log from the Intel Research Lab."""
 Row = dict[str, Any]
-"""Results in a table row, by column name; None for an event that never happened."""
+"""Row of a result table by column name; None for an event that never happened."""
 
 
 class Setup(NamedTuple):
@@ -52,12 +52,13 @@ class Drive:
     ranges: np.ndarray
     """Lidar ranges, shape (n, num_beams), float32 [m]."""
     motions: np.ndarray
-    """Odometry motion (x, y, heading) in the robot frame at the previous scan: shape (n, 3), float64 [m, m, rad]."""
+    """Odometry motion (x, y, heading) since the previous scan, in the robot frame at that scan: shape (n, 3), float64
+    [m, m, rad]."""
     truth: np.ndarray
     """True poses (x, y, heading) in the world frame, or reference poses of a log: shape (n, 3), float64 [m, m, rad]."""
 
     def then(self, other: "Drive", scans: int) -> "Drive":
-        """Return a kidnapped robot's drive: `scans` scans of this drive, then `other`, without odometry between."""
+        """Return `scans` scans followed by `other`, as if the robot were kidnapped (moved without odometry)."""
         pairs = (self.ranges, other.ranges), (self.motions, other.motions), (self.truth, other.truth)
         return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
 
@@ -113,7 +114,7 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
     """Run a SLAM or localizer along a recorded drive of n scans.
 
     Returns estimated `poses`, shape (n, 3) [m, m, rad], `is_lost`, shape (n,), bool, update times `seconds`, shape (n,)
-    [s], and the estimator's attributes `noted`.
+    [s], and values of the estimator's attributes named in `noted`.
     """
     rows = []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
@@ -125,7 +126,10 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
 
 
 def right_since(is_right: np.ndarray, hold: float) -> float:
-    """Return the earliest time after which all flags are True [s]; inf if a flag in the last `hold` [s] is False."""
+    """Return the time after which the estimate stays correct [s]; inf if it is wrong in the last `hold` [s].
+
+    `is_right` has one flag per scan.
+    """
     if not is_right[-round(hold / PERIOD) :].all():
         return math.inf
     wrong = np.flatnonzero(~is_right)

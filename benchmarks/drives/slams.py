@@ -201,7 +201,7 @@ def compare_kidnapped(
 def kidnap(
     slam_name: str, world: str, robot: str, seed: int, minutes: float, seconds: float
 ) -> tuple[float, float, bool]:
-    """Map a world for `minutes`, move the robot without odometry, and continue for `seconds`.
+    """Simulate a kidnapped robot: map for `minutes`, move the robot without odometry, and continue for `seconds`.
 
     Returns the time from the move until SLAM reports the robot lost [s], the time until the position stays correct [s],
     and whether the robot ends at a wrong position without a report. Times are inf if never.

@@ -21,7 +21,7 @@ from lidarnaut.envs.tasks.explore import MAX_ROBOTS, Explore
 from lidarnaut.envs.worlds import FAMILIES
 
 MARK = 0.95
-"""Explored fraction that ends an episode, 0 to 1."""
+"""Explored fraction that ends an exploration episode, 0 to 1."""
 MEASURES = Measures(Explore.measures, Explore.progress)
 TIME = next(measure for measure in Explore.measures if measure.name == "time_to_95")
 SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, digits=2)
@@ -75,10 +75,10 @@ def compare_teams(
 
 
 def summarise(rows: list[Row], robots: tuple[int, ...], policies: tuple[str, ...] = ("rrt_team",)) -> list[Row]:
-    """Return a table row with times and speed-ups for each world, policy and team size.
+    """Return a table row with exploration times and speed-ups for each world, policy and team size.
 
-    Policies in `rows` include the team size, such as "rrt_team 3". Ratios are interquartile means over pairs of
-    episodes, or bounds if episodes missed 95 % explored.
+    `rows` are results of episodes, with the team size in the policy's name, such as "rrt_team 3". Ratios are
+    interquartile means over episodes with equal seed, or bounds if episodes missed 95 % explored.
     """
     together, lines = Episodes(rows, MEASURES), list[Row]()
     worlds = together.by_case()

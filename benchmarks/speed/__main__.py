@@ -27,7 +27,7 @@ from lidarnaut.envs.progress import Progress
 Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions", "people"]
 PLOT = Path(__file__).resolve().parents[2] / "docs" / "images" / "throughput.png"
 BODIES = (50, 300)
-"""Numbers of obstacles in the two benchmark worlds."""
+"""Numbers of obstacles in the two benchmark halls."""
 PACKAGES = ("numba", "numpy", "gymnasium", "stable-baselines3")
 
 AXES = {

@@ -19,7 +19,7 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 
 ID = "lidarnaut:lidarnaut/Explore-v0"
 ACTION_REPEAT, NUM_ACTIONS = 10, 500
-"""Number of steps with the same random action (white noise would keep the robot in place), and of distinct actions."""
+"""Number of steps with the same random action, so that robots travel, and number of different actions."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
 FEWEST_ENVS, MOST_ENVS = 16, 256
 """Smallest and largest number of sub-environments of the compared vector environments."""
@@ -34,7 +34,7 @@ class Design(NamedTuple):
     training on `vector`."""
     num_envs: int = 1
     cores: int = 1
-    """Number of CPU cores; from two on, also the number of worker processes of a vector environment."""
+    """Number of CPU cores; if above 1, also the number of worker processes of a vector environment."""
 
 
 DESIGNS = (
@@ -61,10 +61,9 @@ class Case(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """Started environments of one design, with functions to step and close them."""
+    """Running environments of one design, with functions to step and close them."""
 
     step: Callable[[int], object]
-    """Function that steps every sub-environment a given number of times."""
     close: Callable[[], object]
     at_once: int
     """Steps per sub-environment between two readings of the clock."""

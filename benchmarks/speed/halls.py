@@ -12,11 +12,11 @@ from lidarnaut.envs.worlds import World
 SIDE, WALL = 16.0, 0.2
 """Inner side length of a hall, and wall thickness [m]."""
 GAP, FREE_AROUND_SPAWN = 0.35, 0.7
-"""Minimum distance between obstacles, and from an obstacle to the start pose [m]."""
+"""Minimum distance between obstacles, and between obstacles and the start pose [m]."""
 PACKING = 0.45
-"""Share of the floor that obstacles of maximum size would cover, each widened by half the gap."""
+"""Share of the floor covered by obstacles of maximum size, each widened by half the gap."""
 PILLARS = 10
-"""Every tenth obstacle is a cylinder; the other obstacles are boxes."""
+"""Every tenth obstacle of a hall is a cylinder (pillar); the others are boxes."""
 
 
 class Hall(NamedTuple):
@@ -28,7 +28,6 @@ class Hall(NamedTuple):
 
 
 def outline(x: float, y: float, yaw: float, length: float, width: float) -> np.ndarray:
-    """Return the four sides of a box as segments (x0, y0, x1, y1): shape (4, 4), float64 [m]."""
     corners = Pose2D(x, y, yaw).transform(0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length, width))
     return np.hstack([corners, np.roll(corners, -1, axis=0)])
 

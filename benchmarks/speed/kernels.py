@@ -1,6 +1,6 @@
 """Benchmark of compiled (Numba) kernels against equivalent NumPy code.
 
-Kernels are called in a compiled loop, which is not cached: a cached loop would miss changes of its kernel.
+The compiled loop around a kernel is not cached: it would miss changes of the kernel.
 """
 
 import math
@@ -34,13 +34,12 @@ PERIOD, CROP_SIZE, CALLS = 0.1, 40, 1000
 
 
 class Kernel(NamedTuple):
-    """Compiled function, and a NumPy function that computes the same from equal input."""
+    """Benchmarked kernel: compiled function, its arguments, and a NumPy function with equal results."""
 
     name: str
     function: Any
     arguments: tuple[Any, ...]
     read: Callable[[], np.ndarray]
-    """Function that returns the output of the last kernel call."""
     reference: Callable[[], np.ndarray]
 
 

@@ -17,9 +17,9 @@ from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, Case, Design, Drive,
 
 SLAMS = ("tinyslam", "truth")
 WARM_UP = 5000
-"""Number of unmeasured first steps over all sub-environments; 20 to 100 for each."""
+"""Number of warm-up steps over all sub-environments, limited to 20 to 100 for each."""
 GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "num_envs": (1, 4, 16, 64, 256, 1024)}
-"""Values of each quantity whose effect on the step time is measured. `map_cells` is the number of cells along 20 m."""
+"""Values of each quantity whose effect on the step time is measured; `map_cells` is the number of cells along 20 m."""
 STATE_ENVS = (4, 12)
 Call = Callable[..., Any]
 
@@ -28,7 +28,7 @@ _drives: dict[Case, Drive] = {}
 
 @contextlib.contextmanager
 def confined(num_cores: int) -> Iterator[Call]:
-    """Yield a function that calls other functions in a process pinned to the last `num_cores` CPU cores."""
+    """Yield a function that runs other functions in a process pinned to the last `num_cores` CPU cores."""
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     cores = sorted(os.sched_getaffinity(0))[-num_cores:]
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start, (cores,)) as pool:

@@ -27,7 +27,7 @@ PHYSICS_HZ = 240
 CROP_SIZE, PIXEL = 64, 0.125
 """Side of the observed map image [pixels], and side of a pixel [m]."""
 QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
-"""Centres of the quarters of a map cell, shape (4, 2) [cells]."""
+"""Sample points of a map cell: centres of its quarters, shape (4, 2) [cells]."""
 
 
 class NaivePhysics:
@@ -81,7 +81,6 @@ class NaivePhysics:
         return Pose2D(x, y, self._bullet.getEulerFromQuaternion(orientation)[2])
 
     def ticks(self) -> tuple[int, ...]:
-        """Return the cumulative wheel encoder ticks, left and right."""
         per_radian = self._robot.odometry.ticks_per_rev / (2.0 * math.pi)
         return tuple(
             math.floor(state[0] * per_radian) for state in self._bullet.getJointStates(self._body, WHEEL_LINKS)

@@ -13,7 +13,7 @@ ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 def score(values: np.ndarray, points: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return the score of each pose: the sum of occupancy `values` at the scan points, shape (k,), float32.
+    """Return the scan matching score of each pose: sum of occupancy `values` at scan points, shape (k,), float32.
 
     Scan points are in the robot frame, shape (2, n) [cells]; poses have shape (k, 3) [cells, cells, rad].
     """
@@ -56,13 +56,12 @@ def match(
 
 
 class NaiveSlam:
-    """TinySLAM with map cells that average all observations.
+    """TinySLAM in NumPy; map cells average all observations.
 
     Map `values` (occupancy, 0 to 1, float32) and `counts` (number of observations) have shape (height, width).
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, match_scans: bool = True) -> None:
-        """Create an empty map. Without `match_scans`, the pose follows the given motion only."""
         self._lidar, self._params, self._match_scans = lidar, params, match_scans
         angles = lidar.angles + lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
@@ -70,14 +69,16 @@ class NaiveSlam:
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Clear the map and reset the pose to the origin; `rng` draws candidate poses for scan matching."""
         self._rng, self.pose, self.num_integrated = rng, ORIGIN, 0
         self._last_integrated: Pose2D | None = None
         self.values = np.full(self.shape, self._params.unvisited, dtype=np.float32)
         self.counts, self._sums = np.zeros(self.shape, dtype=np.int64), np.zeros(self.shape)
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Estimate the pose at a scan and insert the scan; return newly known cells (row, column), shape (k, 2)."""
+        """Estimate the pose, and insert the scan unless the robot hardly moved; return newly known cells.
+
+        Cells are (row, column), shape (k, 2).
+        """
         params, last = self._params, self._last_integrated
         predicted = self.pose = self.pose.compose(motion)
         moved = last.between(predicted) if last else ORIGIN
@@ -111,7 +112,7 @@ class NaiveSlam:
         return Pose2D(x * params.resolution, y * params.resolution, float(wrap_angle(found.theta)))
 
     def integrate(self, ranges: np.ndarray, quality: float) -> np.ndarray:
-        """Insert a scan at the current pose by averaging; return newly known cells (row, column), shape (k, 2)."""
+        """Insert a scan into the map at the current pose; return newly known cells (row, column), shape (k, 2)."""
         params, lidar = self._params, self._lidar
         sensor = self.pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, 0.0))
         x, y = self.to_cells(sensor.x, sensor.y)

@@ -15,14 +15,14 @@ from lidarnaut.envs.worlds import load_world
 
 ROOMS = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
 NUM_DECIDING = (1, 16, 64, 256)
-"""Numbers of sub-environments that choose frontiers; 1 is the single environment."""
+"""Numbers of sub-environments in the benchmark of frontier decisions."""
 NUM_AMONG_PEOPLE = 64
 WARM_UP, SLICES = 3, 6
-"""Number of warm-up steps, and of turns that alternate between the measured variants."""
+"""Number of warm-up steps, and number of time slices for alternating measurements of the variants."""
 
 
 def physics(repetitions: int) -> list[dict[str, Any]]:
-    """Measure a 0.1 s control step with all sensors, and a reset, of each simulator [us]."""
+    """Measure the time of a reset, and of a 0.1 s control step with all sensors, in each simulator [us]."""
     world, calls = load_world("turtlebot3_world"), {}
     for name in PHYSICS:
         for robot in map(load_robot, ("turtlebot3_burger", "turtlebot3_waffle_pi")):
@@ -38,7 +38,7 @@ def physics(repetitions: int) -> list[dict[str, Any]]:
 
 
 def decisions(count: int) -> list[dict[str, Any]]:
-    """Measure the processor time of decisions to drive to the nearest frontier.
+    """Measure environments whose robots drive to the nearest frontier: decisions per second, and time per step.
 
     Each sub-environment makes `count` decisions: rooms of 20 m x 20 m, TurtleBot3 Burger, Hector SLAM, kinematic
     simulator.
@@ -86,7 +86,7 @@ def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
 
 
 def people(count: int) -> list[dict[str, Any]]:
-    """Measure steps per second of processor time in goal reaching among people.
+    """Measure environments with goal reaching among people: steps per second of processor time.
 
     Each sub-environment makes `count` steps: halls of 12 m x 12 m, TurtleBot3 Burger, kinematic simulator, random
     actions.

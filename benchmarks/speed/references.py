@@ -32,7 +32,7 @@ def cast_rays_in_numpy(
 
 
 def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
-    """Pool an occupancy grid, shape (height, width), int8, into square blocks: shape (3, rows, columns), uint8.
+    """Downsample an occupancy grid, shape (height, width), int8, to square blocks: shape (3, rows, columns), uint8.
 
     Channels are: any cell occupied, share of free cells, visited; `visited` are robot cells (row, column), shape (n,
     2).
@@ -49,7 +49,7 @@ def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarr
 
 
 def crop_in_numpy(pooled: np.ndarray, x: float, y: float, theta: float, pixel: float, size: int) -> np.ndarray:
-    """Return a robot-centred crop of a pooled map: shape (channels, size, size), uint8; 0 outside.
+    """Return a robot-centred crop of the downsampled map `pooled`: shape (channels, size, size), uint8; 0 outside.
 
     `pooled` has shape (channels, rows, columns). `x`, `y` and the side `pixel` of a crop pixel are in cells of
     `pooled`.
@@ -70,7 +70,8 @@ def advance_in_numpy(
 ) -> np.ndarray:  # fmt: skip
     """Return a robot's state after driving among static obstacles for one `period` [s]: shape (11,), float64.
 
-    `normals` are standard normal samples of left and right wheel slip.
+    The state is pose, commanded twist, wheel angles, true twist, mean yaw rate and gyroscope bias. `normals` are
+    standard normal samples of left and right wheel slip.
     """
     x, y, theta, v, w, left_angle, right_angle, _, _, _, bias = state.tolist()
     turned = 0.0
