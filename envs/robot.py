@@ -224,7 +224,7 @@ class Robot:
 
     def _track(self, tracker: PeopleTracker, ranges: np.ndarray, motion: Pose2D) -> None:
         self.belief.people = tracker.update(ranges, motion)
-        self.belief.on_people = tracker.is_on_person(ranges, doubt=NOT_STANDING)
+        self.belief.on_people = tracker.is_on_person(ranges, include=NOT_STANDING)
 
     def locate(self, flags: int) -> None:
         """Update pose, map and path after a control period, by the scan or by odometry.
@@ -257,7 +257,7 @@ class Robot:
     def _filtered(self, ranges: np.ndarray) -> np.ndarray:
         if self.tracker is not None:
             if isinstance(self.estimator, KeyScanSlam):
-                self.estimator.unmatched = self.tracker.is_on_person(ranges, doubt=LARGE_ENOUGH)
+                self.estimator.unmatched = self.tracker.is_on_person(ranges, include=LARGE_ENOUGH)
             ranges = np.where(np.asarray(self.belief.on_people), np.float32(np.nan), ranges)
         if not self.peers:
             return ranges

@@ -74,6 +74,6 @@ def evaluate(
     }
     settings = parse_record(content, "evaluate", Settings)
     with tempfile.TemporaryDirectory() as scratch:
-        evaluation = Evaluation(settings, Path(scratch if out is None else out), given=own, trust=trust)
+        evaluation = Evaluation(settings, Path(scratch if out is None else out), custom=own, trust=trust)
         run_with_progress(evaluation, jobs, Console(stderr=True))
         return publish(evaluation)

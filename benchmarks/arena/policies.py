@@ -69,7 +69,7 @@ class Policy:
 
 
 def parse_policy(
-    name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any] | None = None, trust: Iterable[str] = ()
+    name: str, classic: Makers = EXPLORERS, custom: Mapping[str, Any] | None = None, trust: Iterable[str] = ()
 ) -> Policy:
     """Return the policy with a given name, after constructing it once as a check.
 
@@ -82,8 +82,8 @@ def parse_policy(
         ValueError: if the policy is unknown or unsuitable for the task; lists the allowed ones.
         lidarnaut.agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
     """
-    if given and name in given:
-        return _checked(Policy(name, given[name]), given[name])
+    if custom and name in custom:
+        return _checked(Policy(name, custom[name]), custom[name])
     label, what = match.groups() if (match := re.fullmatch(r"([\w.-]+)=(.+)", name)) else (name, name)
     kind, _, rest = what.partition(":")
     base, _, changes = what.partition("?")

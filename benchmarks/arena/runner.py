@@ -44,7 +44,7 @@ class Evaluation:
         settings: Settings,
         folder: Path,
         shard: str | None = None,
-        given: Mapping[str, Any] | None = None,
+        custom: Mapping[str, Any] | None = None,
         trust: Iterable[str] = (),
     ) -> None:
         """Create or resume an evaluation, after constructing every environment and policy once as a check.
@@ -53,7 +53,7 @@ class Evaluation:
             settings: policies, worlds, conditions and numbers of episodes.
             folder: output folder.
             shard: part that `run` executes, such as `2/4` (every fourth start); None for all.
-            given: user-defined policies, worlds, robots and SLAMs by name; picklable for several processes.
+            custom: user-defined policies, worlds, robots and SLAMs by name; picklable for several processes.
             trust: modules and names that checkpoints may import; see `lidarnaut.agents.trust`.
 
         Raises:
@@ -67,13 +67,13 @@ class Evaluation:
         self.settings, self.folder = settings, folder
         trust = {*trust, *named_code(settings.model_dump())}
         self._shard = f"{number}of{total}" if total > 1 else ""
-        self._given = dict(given or {})
+        self._custom = dict(custom or {})
         self._robots: dict[Case, str] = {}
         classic = self._check_cases()
         self._policies = {}
         for name in settings.all_policies:
             with _blaming(name):
-                self._policies[name] = self._marked(parse_policy(name, classic, self._given, trust))
+                self._policies[name] = self._marked(parse_policy(name, classic, self._custom, trust))
         names = [policy.name for policy in self._policies.values()]
         if len(set(names)) < len(names):
             raise ValueError(f"policies must be unique, got {', '.join(names)}")
@@ -201,7 +201,7 @@ class Evaluation:
             return replace(policy, name=marked(policy.name, None, env))
 
     def _objects(self, case: Case) -> dict[str, Any]:
-        return {name: self._given[name] for name in (case.world, case.robot, case.slam) if name in self._given}
+        return {name: self._custom[name] for name in (case.world, case.robot, case.slam) if name in self._custom}
 
     def _lay_out(self, starts: Iterable[tuple[Case, int, tuple[str, ...]]]) -> list[Job]:
         tasks: dict[Key, Job] = {}

@@ -57,15 +57,15 @@ class Case:
         return value if value != USUAL else str(getattr(usual, "name", usual))
 
     def make_env(
-        self, given: Mapping[str, Any] = MappingProxyType({}), needed: Mapping[str, Any] = MappingProxyType({})
+        self, custom: Mapping[str, Any] = MappingProxyType({}), needed: Mapping[str, Any] = MappingProxyType({})
     ) -> gymnasium.Env[Any, Any]:
         """Construct the environment, with procedural worlds from the test split.
 
-        `given` holds user-defined worlds, robots and SLAMs by name; `needed`, arguments required by the policy.
+        `custom` holds user-defined worlds, robots and SLAMs by name; `needed`, arguments required by the policy.
         """
         parts = {"world": self.world, "robot": self.robot, "physics": self.physics, "people": self.people}
         parts[estimator_of(self.id)] = self.slam
-        own = {name: given.get(value, value) for name, value in parts.items() if name and value != USUAL}
+        own = {name: custom.get(value, value) for name, value in parts.items() if name and value != USUAL}
         usual = {"split": "test"} if "split" in arguments_of(self.id) else {}
         return gymnasium.make(self.id, **{**usual, **self.arguments, **own, **needed}, disable_env_checker=True)
 

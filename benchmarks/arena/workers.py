@@ -42,7 +42,7 @@ class Job:
     key: Key
     policy: Policy
     case: Case
-    given: Mapping[str, Any] = field(default_factory=dict)
+    custom: Mapping[str, Any] = field(default_factory=dict)
     """User-defined world, robot and SLAM objects, by name."""
     bag: Path | None = None
     """Output file for a ROS 2 bag; None for no bag."""
@@ -55,7 +55,7 @@ class Job:
         return self.case, repr(self.policy.arguments)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
-        return self.case.make_env(self.given, self.policy.arguments)
+        return self.case.make_env(self.custom, self.policy.arguments)
 
 
 @dataclass(frozen=True, slots=True)

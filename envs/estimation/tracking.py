@@ -350,17 +350,17 @@ class PeopleTracker:
         """View of the track array, one row per track: shape (n, TRACK_SIZE), float64, columns see `X`."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
-    def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, doubt: int = TRACKED) -> np.ndarray:
+    def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, include: int = TRACKED) -> np.ndarray:
         """Return the mask of beams that end within `margin` [m] of people: shape (num_beams,), bool.
 
-        `doubt`: `TRACKED` (confirmed people), `NOT_STANDING` (also person-sized clusters not known to be static) or
+        `include`: `TRACKED` (confirmed people), `NOT_STANDING` (also person-sized clusters not known to be static) or
         `LARGE_ENOUGH` (all person-sized clusters).
         """
         bodies = np.empty((0, 5))
-        if doubt > TRACKED:
+        if include > TRACKED:
             clusters = self._clusters[: int(self._state[NUM_CLUSTERS])]
             is_body = (clusters[:, 4] != SLOPE) & (clusters[:, 3] >= self.params.min_beams)
-            clusters = clusters[is_body & ((clusters[:, 5] == 0.0) | (doubt == LARGE_ENOUGH))]
+            clusters = clusters[is_body & ((clusters[:, 5] == 0.0) | (include == LARGE_ENOUGH))]
             pose = Pose2D(*self._state[POSE : POSE + 3].tolist()).inverse()
             bodies = np.zeros((len(clusters), 5))
             bodies[:, :2], bodies[:, 4] = pose.transform(clusters[:, :2]), clusters[:, 2]

@@ -113,7 +113,7 @@ def test_the_objects_themselves_can_be_given_in_python(tmp_path):
         episodes=1,
         time_limit=4.0,
     )
-    here, there = (Evaluation(settings, tmp_path / name, given=given) for name in ("here", "there"))
+    here, there = (Evaluation(settings, tmp_path / name, custom=given) for name in ("here", "there"))
     assert here.run() == there.run(jobs=2) == []
     both = [[(row["policy"], row["path_length"], row["robot"]) for row in each.rows()] for each in (here, there)]
     assert both[0] == both[1]

@@ -232,7 +232,7 @@ def test_beams_on_people_are_told_from_beams_on_walls():
         truth = (np.hypot(*(ends[:, None] - people[None, :, :2]).T) < 0.3).any(axis=0)
         truth &= ranges < 7.0
         mask = tracker.is_on_person(ranges)
-        not_standing, large_enough = (tracker.is_on_person(ranges, doubt=k) for k in (NOT_STANDING, LARGE_ENOUGH))
+        not_standing, large_enough = (tracker.is_on_person(ranges, include=k) for k in (NOT_STANDING, LARGE_ENOUGH))
         assert not (mask & ~not_standing).any()
         assert not (not_standing & ~large_enough).any()
         if time > 4.0:
