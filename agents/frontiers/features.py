@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from lidarnaut.envs.navigation import GainOverCost
-from lidarnaut.envs.navigation import candidates as given
+from lidarnaut.envs.navigation import candidates as column
 from lidarnaut.envs.navigation.views import NUM_SECTORS
 
 _NAMES = """
@@ -40,8 +40,8 @@ def score_features(candidates, sectors, gaps, robot, count):
     out = np.empty((count, NUM_FEATURES))
     visible, cost = np.empty(count), np.empty(count)
     for i in range(count):
-        visible[i] = _length(candidates[i, given.VISIBLE], given.HALF_AREA)
-        cost[i] = _length(candidates[i, given.COST], given.HALF_COST)
+        visible[i] = _length(candidates[i, column.VISIBLE], column.HALF_AREA)
+        cost[i] = _length(candidates[i, column.COST], column.HALF_COST)
     total = visible.sum()
     number, left, reach = count / 16.0, total / (total + 50.0), robot[0]
     for i in range(count):
@@ -50,7 +50,7 @@ def score_features(candidates, sectors, gaps, robot, count):
         around, near, mean = visible[i], 0.0, 0.0
         for j in range(count):
             if j != i:
-                gap = _length(gaps[i, j], given.HALF_COST)
+                gap = _length(gaps[i, j], column.HALF_COST)
                 mean += gap
                 around += visible[j] * math.exp(-gap / 3.0)
                 near += math.exp(-gap / 2.0)
@@ -59,8 +59,8 @@ def score_features(candidates, sectors, gaps, robot, count):
                 elif gap < second:
                     second = gap
         mean = mean / (count - 1) if count > 1 else 0.0
-        size, age = _length(row[given.SIZE], given.HALF_SIZE), _length(row[given.AGE], given.HALF_AGE)
-        distance = given.OFFSET_SCALE * math.hypot(row[given.AHEAD], row[given.LEFT])
+        size, age = _length(row[column.SIZE], column.HALF_SIZE), _length(row[column.AGE], column.HALF_AGE)
+        distance = column.OFFSET_SCALE * math.hypot(row[column.AHEAD], row[column.LEFT])
         log_visible, minus_log_cost = math.log(visible[i] + LEAST_GAIN), -math.log(cost[i] + LEAST_COST)
         free, unknown = sectors[i, :NUM_SECTORS], sectors[i, NUM_SECTORS:]
         wide = 0.0
@@ -68,11 +68,11 @@ def score_features(candidates, sectors, gaps, robot, count):
             wide += unknown[k] > 0.3
         f[0], f[1] = log_visible, minus_log_cost
         f[2], f[3] = math.log(visible[i] + 3.0), -math.log(cost[i] + 0.5)
-        f[4], f[5] = -0.1 * cost[i], row[given.COST_RATIO]
-        f[6], f[7], f[8] = row[given.UNKNOWN_1M], row[given.UNKNOWN_2M], row[given.UNKNOWN_4M]
-        f[9], f[10], f[11] = -abs(row[given.TURN]), math.log(size + 0.2), row[given.CLEARANCE]
-        f[12], f[13], f[14] = age / (age + 60.0), row[given.CHOSEN], row[given.FAILURES]
-        f[15] = -3.0 * row[given.RANK]
+        f[4], f[5] = -0.1 * cost[i], row[column.COST_RATIO]
+        f[6], f[7], f[8] = row[column.UNKNOWN_1M], row[column.UNKNOWN_2M], row[column.UNKNOWN_4M]
+        f[9], f[10], f[11] = -abs(row[column.TURN]), math.log(size + 0.2), row[column.CLEARANCE]
+        f[12], f[13], f[14] = age / (age + 60.0), row[column.CHOSEN], row[column.FAILURES]
+        f[15] = -3.0 * row[column.RANK]
         f[16], f[17] = math.log(first + 0.5), math.log(second + 0.5)
         f[18], f[19] = math.log(around + 0.3), math.log(1.0 + near)
         f[20] = free.mean()
@@ -86,5 +86,5 @@ def score_features(candidates, sectors, gaps, robot, count):
         f[31], f[32] = left * log_visible, left * minus_log_cost
         f[33] = math.log(mean + 1.0)
         f[34] = min((distance + 0.5) / (cost[i] + 0.5), 2.0)
-        f[35] = row[given.AHEAD] * given.OFFSET_SCALE / (distance + 0.5)
+        f[35] = row[column.AHEAD] * column.OFFSET_SCALE / (distance + 0.5)
     return out
