@@ -93,13 +93,13 @@ class Episodes:
     def unseen(self) -> "Episodes":
         """Return the episodes in worlds or with robots not used in training.
 
-        The result is empty without learned policies, or if all episodes qualify.
+        Empty without learned policies, or if this holds for all episodes.
         """
         found = self.where(lambda row: is_held_out(row["world"], row["robot"]))
         return found if len(found) < len(self) and any(row["model"] for row in self) else Episodes((), self.measures)
 
     def shared(self, policies: Iterable[str] = ()) -> "Episodes":
-        """Return the episodes from starts (conditions and seed) that all given policies have run.
+        """Return the episodes with conditions and seeds that all given policies have completed.
 
         Default: all policies without access to ground truth.
         """
@@ -108,10 +108,10 @@ class Episodes:
         return self.where(lambda row: start_of(row) in starts)
 
     def related(self, reference: str | None = None) -> "Episodes":
-        """Return the episodes with added columns: `reached`, and times and distances divided by the reference policy's.
+        """Return the episodes with added columns for comparison with a reference policy.
 
-        `reached` is 1 if the episode reached the first threshold, such as 95 % explored. If the reference missed the
-        threshold, the divisor is the time or distance limit.
+        `reached` is 1 if the episode reached the first threshold, such as 95 % explored. `relative_*` are times and
+        distances until a threshold, divided by the reference's, or by the limit if the reference missed the threshold.
         """
         references = self.by_start(reference or self.reference) if self.rows else {}
         related = []
@@ -170,9 +170,9 @@ class Episodes:
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
 
     def gaps_closed(self, policy: str) -> dict[str, Estimate]:
-        """Return a policy's improvement on the reference, by measure, divided by that of the ground-truth policy.
+        """Return, by measure, the fraction of the gap from reference to ground-truth policy that a policy closes.
 
-        The result is empty for the reference itself, and without a policy that uses ground truth.
+        Empty for these two policies, or if no policy uses ground truth.
         """
         if self.bound is None or policy == self.reference or is_bound(policy):
             return {}

@@ -1,4 +1,4 @@
-"""Python interface to the evaluation that `evaluate.py` runs from the command line."""
+"""Evaluation of policies as a Python function, like the command-line script `evaluate.py`."""
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence

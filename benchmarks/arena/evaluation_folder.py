@@ -27,7 +27,7 @@ Readers = Mapping[str, Callable[[str], Any]]
 
 
 class Key(NamedTuple):
-    """Identifier of an episode: policy, conditions and seed, named as columns of `episodes.csv`."""
+    """Identifier of an episode in `episodes.csv`: policy, conditions and seed."""
 
     policy: str
     world: str
@@ -118,7 +118,7 @@ class Records:
                 )
 
     def find(self, key: Key, model: str = "") -> Row | None:
-        """Return the row of an episode, or None; raise ValueError if `model`, the hash of the weights, differs."""
+        """Return the results of an episode, or None; raise ValueError if other network weights (hash) produced them."""
         row = self._rows.get(key)
         if row and row["model"] != model:
             raise ValueError(

@@ -16,7 +16,7 @@ from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")
 MIN_RATIO_VALUE = 1.0
-"""Lower limit of times [s] and distances [m] in ratios between policies."""
+"""Smaller times [s] and distances [m] are raised to this value before ratios between policies are computed."""
 MARKS = (0.95, 0.99)
 """Explored fractions; the report counts the episodes that end below each of them."""
 DRIFT = 0.3
@@ -44,7 +44,10 @@ def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
 
 
 def ranking_sections(episodes: Episodes) -> list[Section]:
-    """Return the leaderboard; with a learned policy, first a leaderboard of worlds or robots not used in training."""
+    """Return the report sections with the leaderboard.
+
+    If learned policies ran, a leaderboard of worlds or robots not used in training comes first.
+    """
     headline, shown = episodes.measures.headline, episodes.measures.shown
     text = (
         f"Ranked by {headline.label}{f': {headline.note}' if headline.note else ''}. Interquartile means over all "
@@ -102,7 +105,7 @@ def gap_section(episodes: Episodes) -> Section | None:
 
 
 def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | None:
-    """Return a report section that compares each policy with the reference policy from the same starts."""
+    """Return a report section that compares each policy with the reference policy under equal conditions and seeds."""
     reference, marks = episodes.reference, episodes.measures.marks
     lines = []
     for policy in episodes.policies:

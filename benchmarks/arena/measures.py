@@ -15,7 +15,7 @@ class Measures:
     """Performance measures of a task, grouped by the tables and figures that show them."""
 
     def __init__(self, own: Sequence[Measure], progress: str) -> None:
-        """Group `own`, the measures that a task defines; `progress` is the `info` key plotted over time."""
+        """Select from `own`, the measures of a task; `progress` is the `info` key of the task's progress."""
         self.own, self.progress = tuple(own), progress
         self.all = (*self.own, *COMMON, DECISION, SUCCESS)
         """All measures, in the column order of `episodes.csv`."""
@@ -26,23 +26,23 @@ class Measures:
         """Measures of the time or distance until a threshold, such as 95 % explored; empty without a threshold."""
         self.mark = self.marks[0].label.removeprefix("time to ") if self.marks else ""
         self.relative = tuple(map(share_of, self.marks))
-        """Measures of the time or distance until the threshold, divided by the reference policy's."""
+        """Times or distances until the threshold, divided by those of the reference policy."""
         self.reached = (
             Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True),
         ) * bool(self.marks)
-        """Measure with value 1 if an episode reached the threshold, else 0; an empty tuple without a threshold."""
+        """Whether an episode reached the threshold (1 or 0); empty for tasks without a threshold."""
         self.decisive = (*self.relative, self.headline)[0]
         """Measure that decides which policy the summary names as best."""
         self.compared = self.headline, *(self.marks or others)
-        """Measures in paired comparisons of policies within one world."""
+        """Measures that tables of a single world compare between policies."""
         self.gaps = self.headline, *(self.relative or others)
-        """Measures in paired comparisons of policies over several worlds."""
+        """Measures that tables over several worlds compare between policies."""
         main = self._named(self.progress) if self.marks else others
         ends = SUCCESS, *self._named("collisions", "decision_ms")
         self.shown = self.headline, *main, *self.relative, *self.reached, *ends
         """Measures shown as columns of the leaderboard."""
         self.on_axes = self.headline, *(self.reached or (SUCCESS,)), *self._named("position_rmse", "map_iou")
-        """Measures shown besides differences in comparisons of SLAMs, simulators or crowds."""
+        """Measures whose values are shown in comparisons of SLAMs, simulators or crowds."""
         time = next((measure for measure in self.own if measure.limit), SUCCESS)
         safe, common = self._named("collisions"), COMMON[: NUM_BRIEF - 2]
         story = (self.marks[0], *common) if self.marks else (SUCCESS, time, *safe, *others, *common)
@@ -55,17 +55,17 @@ class Measures:
 
 
 def share_of(mark: Measure) -> Measure:
-    """Return the measure that divides a time or distance by the reference policy's."""
+    """Return a relative measure: the time or distance `mark`, divided by that of the reference policy."""
     name, label = f"relative_{mark.name}", f"{mark.label}, relative"
     return replace(mark, name=name, label=label, unit="", digits=2, scale=1.0, limit=f"{name}_limit")
 
 
 def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, str]:
-    """Format an estimate for a table cell: the value, and a note with the interval, such as ("41", "35 to 47").
+    """Format an estimate for a table cell as text and note, such as ("41", "35 to 47") with the 95 % interval.
 
-    If some episodes missed a threshold, values may be lower bounds, and the note counts the episodes that reached the
-    threshold: ("> 310 s", "1 of 8"). If none did: ("never", "> 300 s"), or without a limit ("> 6.0", "never").
-    `sign="+"` signs positive values.
+    If episodes missed a threshold, the text may be a lower bound, and the note counts those that reached it: ("> 310
+    s", "1 of 8"). If all missed it: ("never", "> 300 s"), or without a limit ("> 6.0", "never"). `sign="+"` adds a plus
+    sign to positive values.
     """
     numbers = (measure.text(value, sign) for value in estimate[:3])
     middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))

@@ -126,9 +126,9 @@ def draw_values(
     title: str,
     are_shares: bool,
 ) -> Figure:
-    """Plot an estimate with interval and text for each policy; `marked` policies are coloured.
+    """Plot each policy's estimate and 95 % interval as a row, with a text beside it; `marked` policies are coloured.
 
-    `levels` are labelled vertical lines. If `are_shares`, the axis ends at `MAX_SHARE`.
+    `levels` are positions of vertical lines by label. `are_shares` limits the axis to `MAX_SHARE`.
     """
     figure = Figure(figsize=(7.0, 1.2 + 0.27 * len(values)))
     axes = figure.subplots()

@@ -150,14 +150,14 @@ class Evaluation:
         return failures
 
     def rows(self) -> list[Row]:
-        """Return the results of finished episodes as rows of `episodes.csv`, including those of other machines."""
+        """Return one row of `episodes.csv` per finished episode of all machines, without the SLAM comparison."""
         return list(filter(None, map(self._find, self._tasks)))
 
     def slam_axis_rows(self) -> list[Row]:
         return list(filter(None, map(self._find, self._axis_tasks)))
 
     def missing(self) -> list[Result]:
-        """Return the episodes without a result, including those of other machines, each with the reason."""
+        """Return the failed and pending episodes of all machines, with reasons."""
         missing = self._not_found(self._all_tasks.values())
         return [Result(task.key, reason=self._records.failure(task.key) or NOT_RUN) for task in missing]
 

@@ -61,7 +61,7 @@ class Case:
     ) -> gymnasium.Env[Any, Any]:
         """Construct the environment, with procedural worlds from the test split.
 
-        `custom` holds user-defined worlds, robots and SLAMs by name; `needed`, arguments required by the policy.
+        `custom` are user-defined worlds, robots and SLAMs by name; `needed` are arguments required by the policy.
         """
         parts = {"world": self.world, "robot": self.robot, "physics": self.physics, "people": self.people}
         parts[estimator_of(self.id)] = self.slam
@@ -172,14 +172,13 @@ class Settings(Section):
         return tuple(dict.fromkeys((*self.policies, *self.slam_axis.policies)))
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield conditions, seed and policy names of each start, without the SLAM comparison."""
+        """Yield conditions and seed of the episodes, with the names of policies to run; without the SLAM comparison."""
         for case in self._cases(self.worlds, self.robots, self.physics, self.slam, self.people):
             episodes = (case.name("world") in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):
                 yield case, seed, self.policies
 
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield conditions, seed and policy names of each start in the SLAM comparison."""
         axis = self.slam_axis
         for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam, self.people[:1]):
             for seed in range(self.seed, self.seed + axis.episodes):

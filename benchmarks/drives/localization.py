@@ -64,7 +64,7 @@ HIT_COUNTS = TinySlamParams(
     raw_quality=1.0,
     skip_exceeding=True,
 )
-"""Parameters for maps whose cells hold the percentage of hits, among beams that hit or cross the cell."""
+"""Mapping parameters of `reference_map`: cells store hits, as a percentage of beams that hit or cross the cell."""
 NAV2_PROB = replace(PRESETS["nav2"], sensor="likelihood_field_prob")
 NO_RELOCALIZATION = replace(PRESETS["default"], relocalize=False)
 FILTERS = {
@@ -81,7 +81,7 @@ FILTERS = {
 def localize(
     amcl: Amcl, grid: OccupancyGrid, drive: Drive, seed: int, start_std: tuple[float, float, float] | None
 ) -> dict[str, np.ndarray]:
-    """Run AMCL on a known map along a recorded drive; return poses, lost flags, update times, ... by name.
+    """Run AMCL on a known map along a recorded drive; return poses, lost flags and other values per scan, by name.
 
     `start_std` are standard deviations of the initial pose [m, m, rad]; None for global localization.
     """
@@ -162,7 +162,7 @@ def compare_amcl(
 
 
 def time_quantile(times: Sequence[float], share: float) -> float | None:
-    """Return a quantile of times until an event, inf if it never happened; None if the quantile is infinite."""
+    """Return a quantile of times until an event, such as relocalization (inf if never); None if it is infinite."""
     if math.isinf(np.quantile(times, share, method="higher")):
         return None
     return float(np.quantile(np.nan_to_num(times), share))

@@ -58,7 +58,7 @@ class Drive:
     """True poses (x, y, heading) in the world frame, or reference poses of a log: shape (n, 3), float64 [m, m, rad]."""
 
     def then(self, other: "Drive", scans: int) -> "Drive":
-        """Return `scans` scans followed by `other`, as if the robot were kidnapped (moved without odometry)."""
+        """Return a drive that kidnaps the robot: the first `scans` scans, then `other`, without odometry in between."""
         pairs = (self.ranges, other.ranges), (self.motions, other.motions), (self.truth, other.truth)
         return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
 
@@ -126,7 +126,7 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
 
 
 def right_since(is_right: np.ndarray, hold: float) -> float:
-    """Return the time after which the estimate stays correct [s]; inf if it is wrong in the last `hold` [s].
+    """Return the time when a pose estimate becomes correct for good [s]; inf if it is wrong in the last `hold` [s].
 
     `is_right` has one flag per scan.
     """

@@ -14,7 +14,7 @@ SIDE, WALL = 16.0, 0.2
 GAP, FREE_AROUND_SPAWN = 0.35, 0.7
 """Minimum distance between obstacles, and between obstacles and the start pose [m]."""
 PACKING = 0.45
-"""Share of the floor covered by obstacles of maximum size, each widened by half the gap."""
+"""Share of the floor that obstacles of maximum radius would cover, including half the gap around each."""
 PILLARS = 10
 """Every tenth obstacle of a hall is a cylinder (pillar); the others are boxes."""
 

@@ -1,7 +1,4 @@
-"""Benchmark of compiled (Numba) kernels against equivalent NumPy code.
-
-The compiled loop around a kernel is not cached: it would miss changes of the kernel.
-"""
+"""Benchmark of compiled (Numba) kernels against equivalent NumPy code."""
 
 import math
 from collections.abc import Callable

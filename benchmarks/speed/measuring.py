@@ -17,7 +17,7 @@ from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, Case, Design, Drive,
 
 SLAMS = ("tinyslam", "truth")
 WARM_UP = 5000
-"""Number of warm-up steps over all sub-environments, limited to 20 to 100 for each."""
+"""Number of warm-up steps, divided among sub-environments; each takes at least 20 and at most 100."""
 GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "num_envs": (1, 4, 16, 64, 256, 1024)}
 """Values of each quantity whose effect on the step time is measured; `map_cells` is the number of cells along 20 m."""
 STATE_ENVS = (4, 12)
@@ -91,7 +91,7 @@ def compare_designs(
 
 
 def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int) -> list[dict[str, Any]]:
-    """Return the time per step of a sub-environment, by number of beams, map cells and sub-environments [us]."""
+    """Return the time per step of a sub-environment [us] for each value in `GROWTH` and each SLAM."""
     rows = []
     for (key, values), slam in itertools.product(GROWTH.items(), SLAMS):
         cases = {}

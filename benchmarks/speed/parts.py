@@ -38,10 +38,9 @@ def physics(repetitions: int) -> list[dict[str, Any]]:
 
 
 def decisions(count: int) -> list[dict[str, Any]]:
-    """Measure environments whose robots drive to the nearest frontier: decisions per second, and time per step.
+    """Measure decisions per second and time per step of environments whose robots drive to the nearest frontier.
 
-    Each sub-environment makes `count` decisions: rooms of 20 m x 20 m, TurtleBot3 Burger, Hector SLAM, kinematic
-    simulator.
+    Each sub-environment, 20 m x 20 m rooms with a TurtleBot3 Burger and Hector SLAM, makes `count` decisions.
     """
     deciding = {number: _deciding(number) for number in NUM_DECIDING}
     done = {number: np.zeros(4) for number in deciding}
@@ -86,10 +85,9 @@ def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
 
 
 def people(count: int) -> list[dict[str, Any]]:
-    """Measure environments with goal reaching among people: steps per second of processor time.
+    """Measure steps per second of processor time in environments with goal reaching among people.
 
-    Each sub-environment makes `count` steps: halls of 12 m x 12 m, TurtleBot3 Burger, kinematic simulator, random
-    actions.
+    Each sub-environment, a 12 m x 12 m hall with a TurtleBot3 Burger and random actions, makes `count` steps.
     """
     id, world_size, shown = "lidarnaut:lidarnaut/ReachCrowd-v0", (12.0, 12.0), ("scan_history", "goal")
     usual: dict[str, Any] = {"robot": "turtlebot3_burger", "world_size": world_size, "observations": shown}
