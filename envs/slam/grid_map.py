@@ -20,7 +20,7 @@ from .slam_params import TinySlamParams
 
 COUNT_BITS = 12
 MAX_COUNT = (1 << COUNT_BITS) - 1
-"""Maximum number of observations that a cell stores; later ones keep the weight 1 / (`MAX_COUNT` + 1)."""
+"""Maximum number of observations that a cell counts; each later one has weight 1 / (`MAX_COUNT` + 1) in the mean."""
 FULL_OCCUPANCY = 1 << 18
 """Fixed-point integer for occupancy 1 (18 fractional bits)."""
 _GAIN_ONE = 1 << 24
@@ -38,7 +38,7 @@ class InverseSensorModel(NamedTuple):
 
 
 def unvisited_word(value: float) -> int:
-    """Return the packed state of an unobserved map cell, which scan matching reads as occupancy `value`, -1 to 1."""
+    """Pack an unobserved map cell, which scan matching reads as occupancy `value`, from -1 to 1."""
     return round(value * FULL_OCCUPANCY) << COUNT_BITS
 
 

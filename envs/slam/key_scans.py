@@ -84,10 +84,10 @@ class KeyScans:
 
 
 class KeyScanSlam(ABC):
-    """SLAM that matches and maps key scans (scans after a minimum motion); otherwise, the pose follows odometry.
+    """SLAM that matches and maps key scans (scans after a minimum motion); between them, the pose follows odometry.
 
     The minimum motion is `params.min_travel_distance` or `params.min_travel_angle`. With `params.match_every_scan`, all
-    scans are matched, but only key scans are inserted into the map. Simulations may call `process_key_scan` directly.
+    scans are matched, but only key scans are inserted into the map.
     """
 
     meets_people = False

@@ -64,7 +64,7 @@ def observe(word, change, bound, stamp):
 def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
     """Insert a scan into one map resolution; return the number of cells observed for the first time.
 
-    Passing beams do not change cells with beam endpoints. (Kohlbrecher et al., 2011, undo free observations instead.)
+    Passing beams do not change cells with beam endpoints.
     """
     width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()

@@ -23,9 +23,8 @@ class SearchParams(NamedTuple):
     max_tries: int
     unvisited: int
     position_penalty: float = 0.0
-    """Score penalty per squared distance from the predicted pose [2^-18 / cells^2]."""
+    """Score penalty per squared distance from the predicted pose [1/cells^2], in units of 2^-18."""
     heading_penalty: float = 0.0
-    """Score penalty per squared turn from the predicted pose [2^-18 / rad^2]."""
 
 
 class Search(NamedTuple):
@@ -73,7 +72,7 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
     """Return the sum of map occupancies at the scan points, in units of 2^-18, for a pose [cells, cells, rad].
 
     Points outside the map count as unobserved. `words`: packed map cells. `points`: shape (2, >= num_points), float32,
-    base frame [cells]. `indices` is scratch space.
+    base frame [cells].
     """
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
@@ -110,12 +109,12 @@ def penalty(params, pose, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def match(words, points, num_points, pose, params, noise, trace):
-    """Find the best pose of a scan in a map by sampling around the best pose so far.
+    """Find the best pose of a scan in a map by random sampling around the best pose so far.
 
-    An improvement after a third of the allowed failures halves the spread and resets the failures. `points`: scan
-    points, shape (2, >= num_points), float32, base frame [cells]. `pose`: x, y from the map's corner [cells] and
-    heading [rad]. `noise`: standard normal, shape (max_tries, 3). `trace` receives poses, scores and improvement flags,
-    shape (max_tries + 1, 5).
+    An improvement after more than a third of the allowed failures halves the spread and restarts the count of failures.
+    `points`: scan points, shape (2, >= num_points), float32, base frame [cells]. `pose`: x, y from the map's corner
+    [cells] and heading [rad]. `noise`: standard normal, shape (max_tries, 3). `trace` receives poses, scores and
+    improvement flags, shape (max_tries + 1, 5).
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
     best = score(words, params.unvisited, points, num_points, pose[0], pose[1], pose[2], indices)

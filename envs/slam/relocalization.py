@@ -25,41 +25,37 @@ from .slam_params import LoopClosureParams
 NUM_SCANS = 20
 """Maximum number of recent scans merged for a relocalization search."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Number of scans before the first relocalization search; number between searches, doubled after each failure; its
-maximum."""
+"""Numbers of scans: before the first relocalization search; between searches, doubled after each failure; maximum
+between searches."""
 COARSE_CELL = 0.1
-"""Cell side of the coarse search over the whole map [m]."""
 NUM_LEVELS = 6
-"""Number of pyramid levels in branch and bound."""
 MAX_POINTS, LEAST_POINTS = 300, 40
 """Maximum number of scan points in a relocalization search, and minimum number to run it."""
 MAX_EVALUATIONS = 500_000
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 """Half width [m] and half angle [rad] of the fine search around a coarse result."""
 NEAR_DISTANCE = 2.0
-"""Relocalized poses within this distance of the odometry pose need less evidence, `NEAR_EVIDENCE` [m]."""
+"""Relocalized poses within this distance of the odometry pose are accepted on less evidence [m]."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
-"""Evidence to accept a relocalized pose near the odometry pose, and elsewhere; maximum evidence per search. Evidence is
-the lead in fit over the best alternative pose, summed over searches."""
+"""Evidence to accept a relocalized pose near the odometry pose, and elsewhere; maximum evidence from one search.
+Evidence: fit of the pose to the map minus fit of the best alternative, summed over successive searches that agree."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
-"""Distance [m] and angle [rad] below which two found poses count as the same."""
+"""Distance [m] and angle [rad] below which two candidate poses of relocalization count as equal."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
-"""Alternative poses in the ambiguity test: minimum distance [m] or angle [rad] from a found pose, maximum score
+"""Search for alternatives to a relocalized pose: minimum distance [m] or angle [rad] from it, and maximum score
 deficit."""
 LEAST_LEAD = 0.05
 """Minimum lead in fit of the best pose over alternatives. Fit: fraction of scan points on walls, minus points in free
 space and beams through walls."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""The robot is lost if more than this fraction of beams, of at least this number, cross occupied cells in this number
-of consecutive scans."""
+"""Test for a lost robot by beams through occupied cells: maximum fraction of beams, minimum number of tested beams, and
+number of consecutive scans above the maximum."""
 RECOVERY_SCANS = 4
 """Number of consecutive scans that fit the map and end the lost state without relocalization."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
-"""Central headings of the four searches that cover all headings [rad]."""
 FOUND_STD = (0.1, 0.1, 0.03)
 """Standard deviations of a relocalized pose [m, m, rad]."""
 ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
-"""Minimum agreement of scan points with the map at a relocalized pose."""
 MAX_ACCEPTED_CROSSING = 0.08
 """Maximum fraction of beams through occupied cells at a relocalized pose."""
 
@@ -76,7 +72,7 @@ class LocalizationMonitor:
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
-        """Whether to ignore beams through occupied cells, because people may have left these cells."""
+        """Whether people are near; beams through occupied cells are then ignored."""
         self.reset()
 
     def reset(self) -> None:
@@ -156,9 +152,10 @@ class Relocalizer:
         self._evidence, self._found = 0.0, (ORIGIN, ORIGIN)
 
     def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
-        """Add a scan, shape (num_beams,), float32 [m], and its odometry pose; every few scans, search `grid`, if given.
+        """Add a scan, shape (num_beams,), float32 [m], and its odometry pose; every few scans, search the map.
 
-        Returns the pose, map frame, once consecutive searches agree; otherwise None.
+        Returns the robot pose, map frame, once consecutive searches agree; otherwise None. `grid`: None to only add the
+        scan.
         """
         self._scans.add(ranges, pose)
         if grid is None or len(self._scans) < self._next:
@@ -177,9 +174,9 @@ class Relocalizer:
         return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
     def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
-        """Search the whole map; return the pose at the last scan, map frame, and its lead over the next-best pose.
+        """Search the whole map for the robot; return its pose, map frame, and lead in fit over the next-best pose.
 
-        The pose is None if the fit is poor or ambiguous.
+        The pose belongs to the last scan; it is None if the fit is poor or ambiguous.
         """
         last = len(self._scans) - 1
         points = self._scans.joined_points(max(last + 1 - NUM_SCANS, 0), last, math.inf, MAX_POINTS)

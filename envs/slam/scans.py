@@ -8,8 +8,7 @@ from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
-"""Initial sideways position of a line traced through grid cells, just below half a cell (32 fractional bits). At ties,
-the line stays in its row or column."""
+"""Initial sideways offset of a line traced through grid cells, just below half a cell [2^-32 cells]."""
 
 
 class ScanGeometry(NamedTuple):
@@ -24,7 +23,6 @@ class ScanGeometry(NamedTuple):
     """Maximum range [m]; readings from this range on mean no return."""
     resolution: float
     skip_exceeding: bool = False
-    """Whether mapping ignores beams without a return."""
 
     @classmethod
     def of(cls, lidar: LidarParams, resolution: float, skip_exceeding: bool = False) -> Self:
@@ -94,7 +92,7 @@ def beam_ends(ranges, pose, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def scans_window(ranges, poses, geometry, corner, ends):
-    """Return the block of map cells that contains the beams of scans at base poses, shape (n, 3) [m, m, rad].
+    """Return the rectangle of map cells around all beams of scans at base poses, shape (n, 3) [m, m, rad].
 
     `ranges`: shape (n, num_beams), or (1, num_beams) for one scan at all poses. Other arguments as in `beam_ends`.
     """
@@ -109,9 +107,9 @@ def scans_window(ranges, poses, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def walk(d_row, d_col, width):
-    """Return a straight line over grid cells: number of steps, sideways motion per step, and index increments.
+    """Return a straight line over grid cells: number of steps, sideways motion per step, and two cell index increments.
 
-    Sideways motion has 32 fractional bits. The flat cell index changes by the increments at forward and sideways steps.
+    Unit of sideways motion: 2^-32 cells. The increments are for each step, and for each cell of sideways motion.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

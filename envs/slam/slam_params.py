@@ -25,7 +25,7 @@ class SlamParams:
     min_travel_distance: NotNegative = 0.2
     """Minimum distance between scans inserted into the map [m]; 0 for every scan."""
     min_travel_angle: NotNegative = 0.6
-    """Minimum turn between scans inserted into the map [rad]; the minimum distance alone also suffices."""
+    """Minimum turn between scans inserted into the map [rad]; scans are also inserted after the minimum distance."""
     skip_exceeding: bool = False
     """Whether mapping ignores beams without a return instead of clearing cells along them."""
     map_width: Positive = 20.0
@@ -64,16 +64,15 @@ class TinySlamParams(SlamParams):
     hole_width: NotNegative = 1.5
     """Length before a beam endpoint over which occupancy rises from free to occupied [m]; 0 for none."""
     blur: Literal["add", "assign"] = "add"
-    """Whether the occupancy rise before a beam endpoint is added to `empty_prob` ("add", original program) or replaces
-    it ("assign")."""
+    """Occupancy rise before a beam endpoint: from `empty_prob` ("add", original program) or from 0 ("assign")."""
     prior_weight: NotNegative = 0.0
     """Weight of the squared Mahalanobis distance from the predicted pose in the matching cost; 0 for none (original
     program). A scan point in a free cell costs about 1."""
     match_every_scan: bool = True
     """Match every scan instead of only scans after a minimum motion."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
-    """Reference frame of odometry displacements. "odometry_frame" (original program) is wrong if rotated against the
-    map."""
+    """Reference frame of odometry displacements. "odometry_frame" (original program) requires parallel axes of odometry
+    and map."""
     min_travel_distance: NotNegative = 0.0
     min_travel_angle: NotNegative = 0.0
     resolution: Positive = 0.1
@@ -139,11 +138,11 @@ class LoopClosureParams:
     min_score: Share = 0.4
     """Minimum mean occupancy at the scan points."""
     min_occupied: Share = 0.5
-    """Minimum fraction of scan points on or next to occupied cells."""
+    """Minimum fraction of all scan points on or next to occupied cells."""
     max_free: Share = 0.15
     """Maximum fraction of scan points in free cells without occupied neighbours."""
     min_agreement: Share = 0.75
-    """Minimum fraction of scan points on or next to occupied cells, without points in unknown surroundings."""
+    """Minimum fraction of scan points in known surroundings that are on or next to occupied cells."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
@@ -183,7 +182,7 @@ class GraphSlamParams(HectorParams):
     max_chi2: Positive = 54.0
     """Chi-square above which loop-closure constraints are excluded from the pose graph."""
     optimise_every: Count = 10
-    """Number of loop-closure searches with an accepted result after which the pose graph is optimised."""
+    """Number of successful loop-closure searches after which the pose graph is optimised."""
     urgent_correction: NotNegative = 0.1
     """Position correction by a loop closure above which the pose graph is optimised at once [m]."""
     max_iterations: Count = 5
@@ -197,7 +196,7 @@ class GraphSlamParams(HectorParams):
     cells_per_scan: Count = 1_000_000
     """Work limit while the map is rebuilt: maximum number of cells along inserted beams per new scan."""
     final_passes: Annotated[int, Field(ge=0)] = 1
-    """Number of times that all scans are matched to the rebuilt map at the end (`finish`)."""
+    """Number of times that all scans are matched to the rebuilt map when SLAM ends (`finish`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
@@ -218,7 +217,7 @@ class GMappingParams(MatchingParams):
     resample_below: Share = 0.5
     """Effective sample size, divided by the number of particles, below which particles are resampled."""
     switch_margin: NotNegative = 2.0
-    """Log-likelihood lead that makes another particle the best, whose pose and map are the estimate."""
+    """Lead in log-likelihood that makes another particle the best, whose pose and map are the SLAM estimate."""
 
 
 Params = TinySlamParams | HectorParams | GraphSlamParams | GMappingParams
@@ -242,7 +241,7 @@ def load_params(preset: str | Path | Any, changes: Mapping[str, Any] | None = No
     Args:
         preset: preset name, YAML file, `module:attribute`, or parameter object.
         changes: new values by parameter name; numeric text is converted.
-        slam: key of `PRESETS`; "tinyslam" for mapping at known poses.
+        slam: algorithm, a key of `PRESETS`; "tinyslam" for mapping at known poses.
 
     Raises:
         ValueError: for an unknown name or key, or an invalid value.

@@ -91,8 +91,8 @@ def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, num
 def render_tiles(maps, particle, shown, after, occupancy, new_cells):
     """Copy changed tiles of a particle's map to an occupancy grid; return number of new known cells and changed area.
 
-    `shown`: slot number of each tile in the grid, shape (num_tiles,), int32. `after`: number of the last scan in the
-    grid. `new_cells` receives row and column of new known cells.
+    A tile is a square block of cells. `shown`: slot number of each tile in the grid, shape (num_tiles,), int32.
+    `after`: number of the last scan in the grid. `new_cells` receives row and column of new known cells.
     """
     pool, wide = maps.pool, maps.tiles_wide
     num_new = 0

@@ -81,8 +81,8 @@ def propose(maps, poses, motion, start_motion, stds, points, num_points, params,
     """Write the proposal distribution and importance weight of every particle to `out`.
 
     `poses`: particles at the last matched scan, shape (num_particles, 3), map frame [m, m, rad]. `motion`: odometry
-    since then. `start_motion`: motion to the initial pose of matching. `stds`: odometry standard deviations [m], [rad].
-    `points`: scan points, shape (2, >= num_points), float32, base frame [cells].
+    since then. `start_motion`: initial guess of the motion in scan matching. `stds`: odometry standard deviations [m],
+    [rad]. `points`: scan points, shape (2, >= num_points), float32, base frame [cells].
     """
     resolution, (col, row) = maps.resolution, maps.corner
     occupancy, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
@@ -110,7 +110,10 @@ def propose(maps, poses, motion, start_motion, stds, points, num_points, params,
 
 
 def take_better(proposals: Proposals, others: Proposals, least_gain: float) -> None:
-    """Replace proposals by alternatives that fit the map and raise the occupancy sum at scan points by `least_gain`."""
+    """Replace each particle's proposal by the one in `others` if this fits the map and scores higher.
+
+    `least_gain`: minimum increase of the occupancy sum at the scan points.
+    """
     before, after = (each.num_known * each.known_scores for each in (proposals, others))
     is_better = others.fits & (after > before + least_gain)
     for own, other in zip(proposals, others):

@@ -24,8 +24,8 @@ FINAL_ITERATIONS = 10
 class GraphSlam(Hector):
     """SLAM with submaps, loop closures and a pose graph (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 
-    The robot pose comes from scan matching on one map. For graph constraints, local SLAM matches scans to submaps (maps
-    of some tens of scans) without loop-closure corrections. Work per matched scan is bounded: one loop-closure search,
+    A scan is matched to the whole map for the robot pose, and to submaps (maps of some tens of scans, without
+    loop-closure corrections) for constraints of the graph. Work per matched scan is bounded: one loop-closure search,
     and one optimisation iteration or part of the corrected map. Pose and map change together when this map is complete.
 
     `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position uncertainty. A lost

@@ -26,13 +26,13 @@ HALF_ANGLE, HALF_ANGLE_GROWTH, MAX_HALF_ANGLE = 0.1, 0.015, 0.6
 """Half angle of a loop-closure search: minimum [rad], growth per metre of path between the scans [rad/m], maximum
 [rad]."""
 MAX_DISTANCE = 4.0
-"""Maximum distance to a submap's nearest scan for a loop-closure search [m], plus half of the search's half width."""
+"""Maximum distance to the nearest scan of a submap for a loop-closure search [m]. Half of the search's half width is
+added."""
 MAX_UNCONFIRMED = 0.25
 """Maximum position correction of a loop closure that needs no confirmation [m]."""
 CONFIRMATION_NODES, CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE = 25, 0.2, 0.05
 """Maximum difference between two loop closures that confirm each other: nodes, distance [m], angle [rad]."""
 NUM_LEVELS = 5
-"""Number of pyramid levels in branch and bound."""
 MAX_RANGE, MAX_POINTS = 12.0, 1200
 """Maximum range [m] and maximum number of scan points matched in a loop-closure search."""
 SEARCH_SHARE = 0.8
@@ -40,7 +40,6 @@ SEARCH_SHARE = 0.8
 NUM_SKIPPED_SUBMAPS = 2
 """Number of newest finished submaps to skip, because the robot has just left them."""
 FIELD_PARAMS: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
-"""Map parameters for submaps in loop-closure search."""
 NO_PRIOR = PosePrior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -56,7 +55,6 @@ class Loop(NamedTuple):
     before: Pose2D
     """Node pose before the loop closure, map frame [m, m, rad]."""
     after: Pose2D
-    """Node pose after the loop closure, map frame [m, m, rad]."""
 
 
 def window_size(path_length: float) -> tuple[float, float]:
@@ -69,10 +67,10 @@ def window_size(path_length: float) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def path_lengths(constraints, home, travelled, source):
-    """Return shortest path lengths in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
+    """Return lengths of shortest paths in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
 
-    Successive submaps are connected by the travelled distance; loop closures have length 0. `home`: newest submap of
-    each node. `travelled`: distance at the start of each submap [m].
+    Successive submaps are connected by the travelled distance; loop closures have length 0. `home`: index of each
+    node's newest submap. `travelled`: distance travelled until the start of each submap [m].
     """
     num_submaps = travelled.shape[0]
     lengths = np.abs(travelled - travelled[source])
@@ -95,9 +93,10 @@ def path_lengths(constraints, home, travelled, source):
 
 
 def least_distances(nodes: np.ndarray, spans: np.ndarray, node: int) -> np.ndarray:
-    """Return the distance from a node to the nearest node of each submap [m].
+    """Return the distance from a graph node to the nearest node of each submap [m].
 
-    `nodes`: poses, shape (num_nodes, 3). `spans`: first node and end of each submap, shape (num_submaps, 2).
+    `nodes`: node poses, shape (num_nodes, 3). `spans`: index of each submap's first node, and index after the last,
+    shape (num_submaps, 2).
     """
     far = np.hypot(*(nodes[:, :2] - nodes[node, :2]).T)
     return np.minimum.reduceat(np.append(far, np.inf), spans.ravel())[::2]
@@ -200,7 +199,7 @@ class Confirmation:
         self._pending: list[Loop] = []
 
     def add(self, loop: Loop) -> list[Loop]:
-        """Add a loop closure; return those accepted now: none, only `loop`, or `loop` with an earlier one."""
+        """Add a loop closure; return the loop closures accepted now: none, only `loop`, or also an earlier one."""
         self._pending = [each for each in self._pending if loop.node - each.node <= CONFIRMATION_NODES]
         if distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y) <= MAX_UNCONFIRMED:
             return [loop]

@@ -60,7 +60,10 @@ class NodeStore(KeyScans):
         return self._submaps.append((len(self), len(self)))
 
     def add_node(self, ranges: np.ndarray, pose: Pose2D, submaps: list[int]) -> int:
-        """Store a scan and its base pose, local frame, as a node of `submaps`, newest last; return the node index."""
+        """Store a scan and its base pose, local frame, as a graph node; return the node index.
+
+        `submaps`: indices of the submaps that contain it, newest last.
+        """
         node = self.add(ranges, pose)
         self._home.append(submaps[-1])
         self.spans[submaps, 1] = node + 1
@@ -77,9 +80,9 @@ class NodeStore(KeyScans):
         return self.ranges[first:last], self.poses[first:last] - np.array(self.submap_pose(submap))
 
     def recent_points(self, node: int, count: int, max_range: float, max_points: int) -> np.ndarray:
-        """Merge the points of up to `count` scans up to a node, shape (n, 2), float32, base frame of the node [m].
+        """Merge the points of a node's scan and earlier scans, shape (n, 2), float32, base frame of the node [m].
 
-        Only scans connected by odometry are used. Limits: range `max_range` [m], and `max_points`.
+        Limits: `count` scans connected by odometry, range `max_range` [m], and `max_points`.
         """
         return self.joined_points(min(max(node - count + 1, self._first_joined, 0), node), node, max_range, max_points)
 

@@ -1,7 +1,7 @@
-"""Branch-and-bound scan matching to an occupancy grid.
+"""Branch-and-bound scan matching: search for the pose of a scan that fits an occupancy grid best.
 
-Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V. A search node is a heading with a square of
-position offsets. Occupancy maxima over such squares of cells give an upper bound of its scores.
+The search tree splits squares of position offsets (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section
+V). Occupancy maxima over such squares of cells give upper bounds of the scores inside.
 """
 
 import math
@@ -16,7 +16,7 @@ from lidarnaut.envs.geometry.lookup import load
 from .fields import FULL_PERCENT, Pyramid
 
 NO_EXCLUSION = (0.0, 0.0, 0.0, -1.0, -1.0)
-"""Empty region of excluded poses: x, y [m], heading [rad], radius [m], half angle [rad]."""
+"""Region of excluded poses in a search, here empty: x, y [m], heading [rad], radius [m], half angle [rad]."""
 NO_RANK = np.iinfo(np.int64).max
 
 
@@ -43,12 +43,12 @@ class SearchResult(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Grid cells of the scan points at each tested heading."""
+    """Scan points as cell indices of an occupancy grid, at each tested heading."""
 
     cells: np.ndarray
-    """Flat cell index of each scan point that can reach the grid, shape (num_headings, n), int32."""
+    """Flat cell index of each scan point, shape (num_headings, n), int32; without points far outside the grid."""
     counts: np.ndarray
-    """Number of valid cell indices for each heading, shape (num_headings,), int64."""
+    """Number of scan points in `cells` per heading, shape (num_headings,), int64."""
     reach: int
     num_turns: int
 
@@ -74,7 +74,10 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def discretise(pyramid, points, pose, window, shift):
-    """Return the grid cell of each scan point, moved by -`shift` cells along x and y, at each tested heading."""
+    """Return the grid cell of each scan point at each tested heading around `pose`.
+
+    `shift` is subtracted from x and y [cells].
+    """
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:
@@ -100,7 +103,10 @@ def discretise(pyramid, points, pose, window, shift):
 
 @njit(cache=True, error_model="numpy")
 def total_at(level, grid, turn, offset):
-    """Return the sum of map values at the scan points at tested heading `turn`, shifted by `offset` flat cells."""
+    """Return the sum of occupancies at the scan points for a tested heading and position offset.
+
+    `turn`: index of the heading. `offset`: difference of flat cell indices.
+    """
     total = 0
     cells = grid.cells[turn]
     for k in range(grid.counts[turn]):
@@ -201,11 +207,11 @@ def search(
     max_evaluations: int,
     excluded: tuple[float, float, float, float, float] = NO_EXCLUSION,
 ) -> SearchResult:
-    """Return the pose in a window where scan points fit an occupancy grid best.
+    """Return the best-fitting pose of scan points on an occupancy grid, in a search window.
 
-    Poses have steps of one cell and `window.angle_step`; ties go to the pose nearest to the predicted `pose`, frame of
-    the grid. `points`: shape (n, 2), float32, base frame [m]. `min_score`: minimum mean occupancy at the points, from 0
-    to 1. `max_evaluations` limits scored nodes; `excluded` is a region to skip.
+    Tested poses differ by one cell or `window.angle_step`. `points`: shape (n, 2), float32, base frame [m]. `pose`:
+    centre of the window, frame of the grid; ties go to the nearest pose. `min_score`: minimum mean occupancy at the
+    points, from 0 to 1. `max_evaluations`: maximum number of scored squares of poses. `excluded`: region to skip.
 
     Raises:
         ValueError: if the window exceeds the reach of the pyramid.

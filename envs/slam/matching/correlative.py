@@ -55,9 +55,9 @@ def _total(occupancy, cells, up, right, unknown):
 def search_window(occupancy, scale, points, num_points, pose, window):
     """Return the pose near a prediction with the highest mean occupancy at the scan points, minus a prior penalty.
 
-    `occupancy`, shape (height, width), int8 [percent], has `scale` cells per cell of the finest map. Other arguments
-    are in cells of the finest map. `points`: scan points, base frame. `pose`: predicted x, y from the map's corner and
-    heading [rad], like the result.
+    `occupancy`: map, shape (height, width), int8 [percent]. `scale`: cell side of the finest map divided by that of
+    `occupancy`. Other arguments are in cells of the finest map. `points`: scan points, base frame. `pose`: predicted x,
+    y from the map's corner and heading [rad], like the result.
     """
     height, width = occupancy.shape
     flat = occupancy.ravel()

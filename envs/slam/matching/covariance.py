@@ -7,7 +7,8 @@ from numba import njit
 from lidarnaut.envs.robots import OdometryNoise
 
 NOISE_PER_HIT = 0.02
-"""Eigenvalue of the position Hessian that noisy map cells alone produce, per scan point [1/cells^2]."""
+"""False position information from noisy map cells, per scan point [1/cells^2]; subtracted from the scan-matching
+Hessian."""
 
 
 class NoiseRecord(NamedTuple):
@@ -35,7 +36,7 @@ def motion_stds(noise, travelled, turn):
 def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
     """Subtract information due to map noise from a scan-matching Hessian; return its entries xx, xy, xt, yy, yt.
 
-    Noise would make positions along corridors seem known. `noise` is subtracted from both position eigenvalues.
+    Noise would make positions along corridors seem known. `noise`: reduction of position eigenvalues.
     """
     mean, half = 0.5 * (h_xx + h_yy), 0.5 * (h_xx - h_yy)
     spread = math.sqrt(half * half + h_xy * h_xy)

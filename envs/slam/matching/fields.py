@@ -15,7 +15,7 @@ UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
 LEAST_HITS = 40
 """Minimum number of scan points near known cells to judge whether a scan fits a map."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
-"""Minimum fraction of scan points near occupied cells for a scan to fit a map, and a submap (less distorted)."""
+"""Minimum fraction of scan points near occupied cells for a scan to fit a map, or a (less distorted) submap."""
 
 
 GRAZING_LENGTH = 0.3
@@ -111,7 +111,7 @@ def fits_map(
 
 @njit(cache=True, error_model="numpy")
 def count_crossings(field, ranges, geometry, pose):
-    """Count beams through certainly occupied cells, and all beams that cross mostly known cells.
+    """Return two numbers of lidar beams: those through occupied cells, and all that cross mostly known cells.
 
     At a wrong pose, beams cross walls even if their endpoints are on walls. `ranges`: shape (num_beams,), float32 [m].
     `pose`: frame of the grid [m, m, rad].
@@ -173,9 +173,9 @@ def _write_greatest(a, b, c, d, out):
 
 @njit(cache=True, error_model="numpy")
 def build_pyramid(field, num_levels, reach):
-    """Compute occupancy maxima of a grid for branch-and-bound searches over position offsets up to `reach` [m].
+    """Compute occupancy maxima of a grid over squares of growing size, for branch-and-bound scan matching.
 
-    Free and unknown cells count as 0.
+    `reach`: maximum position offset in a search [m]. Free and unknown cells count as 0.
     """
     occupancy, resolution = field.occupancy, field.resolution
     side = 1 << (num_levels - 1)

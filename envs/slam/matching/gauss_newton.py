@@ -21,7 +21,7 @@ from lidarnaut.envs.geometry.lookup import load
 MAX_TURN = 0.2
 """Maximum heading change per Gauss-Newton step [rad]."""
 SMALL_STEP = 1e-2
-"""Convergence threshold of Gauss-Newton steps on the finest map: shift of position and farthest scan point [cells]."""
+"""Gauss-Newton steps on the finest map end when position and all scan points move by less than this [cells]."""
 COARSE_STEP = 0.05
 
 
@@ -69,10 +69,9 @@ class Level(NamedTuple):
 
 @singledispatch
 def at_level(map, level):
-    """Return a map at one resolution: flattened `occupancy`, `height` and `width`.
+    """Return one resolution of a map: flattened `occupancy`, `height` and `width`.
 
-    A map is a tuple of arrays, shape (height, width), int8, finest first, or a type that overloads `at_level` and
-    `neighbours`, as in `gmapping.tiles`.
+    A map is a tuple of arrays, shape (height, width), int8, finest first, or a type that overloads this function.
     """
     return Level(map[level].ravel(), map[level].shape[0], map[level].shape[1])
 
@@ -190,8 +189,8 @@ def solve(fit, prior, x, y, theta):
 def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_iterations):
     """Refine a pose by Gauss-Newton steps, coarsest map first; return x, y, heading and their `Fit`.
 
-    `pose`: initial x, y from the map's corner [cells] and heading [rad]. The heading of `prior` lies within pi of the
-    initial one, unwrapped. `iterations` applies to the finest map, `coarse_iterations` to each other map. Other
+    `pose`: initial x, y from the map's corner [cells] and heading [rad]. `prior`: its heading must be unwrapped, within
+    pi of the initial heading. `iterations` applies to the finest map, `coarse_iterations` to each other map. Other
     arguments as in `evaluate`.
     """
     x, y, theta = pose

@@ -1,7 +1,7 @@
 """Covariance of a scan match from scores of nearby poses (Olson, 2009, section III.C).
 
-Scores are log-likelihoods, and their second moments the covariance. A match that can slide along a corridor gets a long
-ellipse, which the curvature at the optimum would not show.
+Scores are log-likelihoods of poses; the covariance is the second moment of this distribution. A match that can slide
+along a corridor gets a long ellipse, which the curvature at the optimum would not show.
 """
 
 from functools import cache
@@ -15,19 +15,19 @@ from .branch_and_bound import SearchWindow, discretise, total_at
 from .fields import FULL_PERCENT, Pyramid
 
 MAX_SURFACE, STEP = 1.0, 0.1
-"""Maximum offset along x and y from the match, and spacing, of scored positions [m]."""
+"""Scored positions around a scan match: maximum offset along x and y, and spacing [m]."""
 NUM_TURNS, TURN_STEP = 2, 0.02
 """Number of scored headings on each side of the matched heading, and angle between them [rad]."""
 POINT_STEP = 4
 TEMPERATURE = 0.03
 """Score difference that multiplies the likelihood of a pose by e."""
 STEP_STDS = np.array([0.06, 0.06, 0.015])
-"""Standard deviations that the spacing of scored poses adds to a match [m, m, rad]; their squares are subtracted from
-its covariance."""
+"""Standard deviations due to the spacing of scored poses [m, m, rad]; their squares are subtracted from match
+covariances."""
 LEAST_STDS = np.array([0.03, 0.03, 0.008])
-"""Minimum standard deviations of a match [m, m, rad]; their squares are added to the covariance."""
+"""Minimum standard deviations of a scan match [m, m, rad]; their squares are added to its covariance."""
 MAX_SHARE = 0.99
-"""Maximum variance of a match, as fraction of the variance if all scored poses were equally likely."""
+"""Maximum variance of a scan match, divided by the variance of equally likely poses."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -81,8 +81,8 @@ def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP
 def match_covariance(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
     """Return the covariance of a scan match, shape (3, 3), float64, frame of the grid [m^2, rad^2].
 
-    Second moments P of the scored poses are corrected: P <- (P^-1 - U^-1)^-1, with moments U for equal scores.
-    Otherwise, uninformative matches would add up to false information. Arguments as in `surface_scores`.
+    It is large if nearby poses score similarly. Second moments P of these poses are corrected for the limited search
+    area: P <- (P^-1 - U^-1)^-1, with U for equal scores. Arguments as in `surface_scores`.
     """
     step = max(round(STEP / pyramid.resolution), 1) * pyramid.resolution
     scores = surface_scores(pyramid, points, pose, half_width)
