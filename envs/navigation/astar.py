@@ -12,7 +12,7 @@ from numba import njit
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN
 
 STRAIGHT = 70
-"""Length of a straight grid step; `99 / 70` approximates the square root of two."""
+"""Integer length of a straight grid step; `DIAGONAL / STRAIGHT` approximates the square root of two."""
 DIAGONAL = 99
 SCALE = 16
 """Integer cost of a free cell per unit of step length (`STRAIGHT` for a straight step)."""
@@ -21,14 +21,13 @@ STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1))
 NO_STEP = 255
 ALL_STEPS = np.uint8(255)
 ONWARD = np.full(256, ALL_STEPS)
-"""Bit mask of the moves to try after each move if all nearby weights are equal, as in jump point search."""
 for _k in range(8):
     ONWARD[_k] = 1 << _k if _k < 4 else 1 << _k | 1 << (_k - 4) | 1 << ((_k - 3) & 3)
 LOWEST_BIT = np.array([0, *((k & -k).bit_length() - 1 for k in range(1, 256))], dtype=np.uint8)
 UNREACHED = np.int32(np.iinfo(np.int32).max)
 NO_GOAL = (-1, -1)
 COST_WEIGHT = 3.0
-"""In path search, cells of cost `COST_MAX_FREE` cost 1 + 3 times as much as free cells."""
+"""Weight of traversal costs in path search: cells of cost `COST_MAX_FREE` cost 1 + 3 times as much as free cells."""
 NUM_BUCKETS = 1 << 15
 """Number of queue buckets of A*: a power of two, above the largest cost increase per step."""
 BUCKET_SHIFT = 8
@@ -37,13 +36,13 @@ NUM_COARSE_BUCKETS = 1 << 7
 """Number of buckets in Dijkstra's queue: enough for the longest step, few enough for the L1 cache."""
 MAX_COST_WEIGHT = 9.0
 ESCAPE_WEIGHT = 10.0
-"""Cells in collision cost 1 + 10 times as much as free cells in path search, for robots that start in collision."""
+"""Additional weight of cells in collision relative to free cells, for paths that start in collision."""
 
 
 def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
     """Return the weight of each costmap value in path search, shape (256,), uint8; 0 if not traversable.
 
-    `cost_weight`: relative additional weight at `COST_MAX_FREE`, 0 to 9.
+    `cost_weight`: additional weight at `COST_MAX_FREE`, relative to a free cell, 0 to 9.
     """
     if not 0 <= cost_weight <= MAX_COST_WEIGHT:
         raise ValueError(f"cost_weight must lie in [0, {MAX_COST_WEIGHT}], got {cost_weight}")
@@ -111,14 +110,14 @@ def begin(expansion, queue, costs, start, goal):
 def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
     """Continue a grid search until the goal or the path cost `limit` is reached.
 
-    A path that starts in collision may cross cells in collision (weight `touching`) until it first leaves them.
-    Diagonal steps require both adjacent straight cells to be open. The queue is Dial's (1969) ring of buckets, last in
-    first out. In uniform surroundings, only moves of `ONWARD` are tried, as in jump point search (Harabor, Grastien,
-    "Online graph pruning for pathfinding on grid maps", 2011).
+    A path that starts in collision may cross cells in collision until it first leaves them. Diagonal steps require both
+    adjacent straight cells to be open. `queue`: cell and next entry of the bucket, shape (n, 2), int32; the search
+    stops early if it is full. `open_weights`: weight of each cell, flat raster, uint8, 0 in the border. `stride`:
+    raster width plus 2. `touching`: weight of cells in collision. `goal`: (row, column) or `NO_GOAL`.
 
-    `queue`: cell and next entry of the bucket, shape (n, 2), int32; the search stops early if it is full.
-    `open_weights`: weight of each cell, flat raster, uint8, 0 in the border. `stride`: raster width plus 2. `goal`:
-    (row, column) or `NO_GOAL`. Returns current bucket, numbers of all and of unprocessed queue entries.
+    Returns current bucket, numbers of all and of unprocessed queue entries. The queue is Dial's (1969) ring of buckets,
+    last in first out. Moves between cells of equal weight are pruned after Harabor, Grastien, "Online graph pruning for
+    pathfinding on grid maps" (2011).
     """
     travel, predecessor, heads, counters = expansion.travel, expansion.predecessor, expansion.heads, expansion.counters
     goal_row, goal_col = goal
@@ -196,7 +195,7 @@ def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
 
 @njit(cache=True, error_model="numpy")
 def expand(expansion, queue, open_weights, costs, weights, goal, limit):
-    """Continue a grid search to the goal or the path cost `limit`; return the queue, enlarged if necessary."""
+    """Continue a grid search until the goal or the path cost `limit` is reached; return the queue, enlarged if full."""
     counters, stride, touching = expansion.counters, np.uint32(costs.shape[1] + 2), np.uint8(weights[COST_INSCRIBED])
     while True:
         # Written here: LLVM drops stores after the loop of `_expand`.

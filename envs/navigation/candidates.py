@@ -58,15 +58,13 @@ NUM_FEATURES = len(FEATURES)
 VISIBLE, UNKNOWN_1M, UNKNOWN_2M, UNKNOWN_4M, COST, COST_RATIO, RANK, TURN, *_ = range(NUM_FEATURES)
 SIZE, CLEARANCE, AGE, AHEAD, LEFT, FAILURES, CHOSEN = range(TURN + 1, NUM_FEATURES)
 HALF_AREA = 10.0
-"""Unknown area in view that is scaled to 0.5 as policy input [m2]."""
+"""Unknown area in view that yields a policy input of 0.5 [m2]: area / (area + `HALF_AREA`). Path cost [m], frontier
+length [m] and age [s] are scaled likewise."""
 HALF_COST = 5.0
-"""Path cost that is scaled to 0.5 as policy input [m]."""
 HALF_SIZE = 2.0
-"""Frontier length that is scaled to 0.5 as policy input [m]."""
 HALF_AGE = 60.0
-"""Frontier age that is scaled to 0.5 as policy input [s]."""
 OFFSET_SCALE = 16.0
-"""Distance ahead or to the left that is scaled to 1 as policy input [m]."""
+"""Distance to a frontier, ahead or to the left, that yields the maximum policy input of 1 [m]."""
 FAILURE_PENALTY = 1e6
 
 
@@ -170,11 +168,12 @@ def _is_beyond(members, start, reach, limit):
 
 @njit(cache=True, error_model="numpy")
 def find_candidates(occupancy, layer, expansion, queue, start, frontier, min_lengths, max_candidates, tables):
-    """Find the reachable frontiers with the lowest path costs, at least `max_candidates` if possible.
+    """Find the reachable frontiers with the lowest path costs from the cell `start`.
 
-    `layer`: costmap and cell weights for path search. `frontier`: frontier cells, and their parts from `split_groups`.
-    `min_lengths`: minimum frontier lengths [cells], tried in order until a frontier is reachable. Returns partly filled
-    `CANDIDATE` records (`group_size` in cells) and the search queue, perhaps enlarged.
+    `layer`: costmap and cell weights for path search. `frontier`: frontier cells, and the frontiers from
+    `split_groups`. `min_lengths`: minimum frontier lengths [cells], tried in order until a frontier is reachable.
+    `max_candidates`: number of frontiers that ends the search. Returns partly filled `CANDIDATE` records (`group_size`
+    in cells) and the search queue, perhaps enlarged.
     """
     costs, open_weights = layer
     cells, parts = frontier
@@ -228,13 +227,13 @@ def _clearance(occupancy, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def describe(raster, table, tables, frame, theta, now, past):
-    """Complete the `CANDIDATE` records of reachable frontiers in `table`: positions, features, ages and failed drives.
+    """Fill the table of reachable frontiers, dtype `CANDIDATE`: positions, features, ages, numbers of failed drives.
 
     `raster`: occupancy, and last move of the path to each cell (with a border). `frame`: origin (x, y), map frame, and
-    cell side [m]. `past`: previous frontiers (x, y) and times of first appearance, shape (n, 3); frontiers of failed
-    drives, shape (m, 2); last chosen frontier, NaN for none; matching radius [m].
+    cell side [m]. `past`: known frontiers (x, y) with times of first appearance, shape (n, 3); frontiers of failed
+    drives, shape (m, 2); last chosen frontier, NaN for none; distance below which frontiers count as the same [m].
 
-    Returns the frontiers for the next call, shape (k, 3), and the index of the last chosen frontier, -1 for none.
+    Returns the known frontiers for the next call, shape (k, 3), and the index of the last chosen frontier, -1 for none.
     """
     occupancy, predecessor = raster
     left, low, side = frame
@@ -278,10 +277,11 @@ def describe(raster, table, tables, frame, theta, now, past):
 
 @njit(cache=True, error_model="numpy")
 def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, gaps):
-    """Write the scaled policy inputs of reachable frontiers, float32; see `ExploreFrontiersEnv`. Unused entries are 0.
+    """Write the scaled policy inputs of reachable frontiers, float32; see `ExploreFrontiersEnv`.
 
-    `max_failures`: number of failed drives scaled to 1. Writes `features`, shape (n, NUM_FEATURES), `sectors`, shape
-    (n, 2 * NUM_SECTORS), and `gaps`, distances between frontiers, shape (n, n).
+    Entries without a frontier are 0. `max_failures`: number of failed drives that is scaled to 1. Writes `features`,
+    shape (n, NUM_FEATURES), `sectors`, shape (n, 2 * NUM_SECTORS), and `gaps`, distances between frontiers, shape (n,
+    n).
     """
     c, s = math.cos(theta), math.sin(theta)
     features[:], sectors[:], gaps[:] = 0.0, 0.0, 0.0

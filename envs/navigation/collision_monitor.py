@@ -11,7 +11,7 @@ BRAKING = 0.5
 STOP_MARGIN = 0.02
 """Distance kept from obstacles, for range noise and wheel slip [m]."""
 NUM_PASSES = 2
-"""Number of collision checks per command: the lower speed after a check bends the arc, since the yaw rate is kept."""
+"""Number of collision checks per command. A check lowers the speed but keeps the yaw rate, which changes the arc."""
 
 
 @njit(cache=True, error_model="numpy")

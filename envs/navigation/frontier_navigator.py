@@ -132,14 +132,14 @@ class FrontierNavigator:
         return self.navigator.command(belief.pose)
 
     def update(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> str | None:
-        """Process a reading; return why the drive has ended, such as `"arrived"`, or None while it continues.
+        """Process a sensor reading; return why the drive has ended, such as `"arrived"`; None while it continues.
 
-        After its end, choose a new frontier. `others`: points on other robots, shape (m, 2), base frame [m].
+        After the end of a drive, choose a new frontier. `others`: points on other robots, shape (m, 2), base frame [m].
         """
         return self.conclude(self.drive(reading, belief, others), reading, belief)
 
     def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
-        """Return why the drive has ended, such as `"arrived"`; None while it continues."""
+        """Return why the drive has ended, such as `"arrived"`, or None, given the `progress` returned by `drive`."""
         self._now = reading.time
         self._note_people(belief)
         outcome = self._judge(progress, belief.pose)
@@ -209,7 +209,7 @@ class FrontierNavigator:
         return True
 
     def look(self, reading: Reading, belief: Belief) -> None:
-        """Process a reading and find reachable frontiers, even during a drive."""
+        """Update map, obstacles and reachable frontiers with a sensor reading, without ending the current drive."""
         self.integrate(belief)
         self.navigator.sense(reading)
         self.find_candidates(reading, belief)
@@ -221,7 +221,7 @@ class FrontierNavigator:
 
     @property
     def check_from(self) -> float:
-        """Number of control periods before a drive's frontier may count as vanished; inf if the map is unchanged."""
+        """Number of control periods of a drive until a vanished frontier ends it; inf while the map is unchanged."""
         return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:

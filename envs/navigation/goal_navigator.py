@@ -30,7 +30,7 @@ from lidarnaut.envs.simulation import Reading, Twist
 LOGGER = logging.getLogger(__name__)
 STOP = Twist(0.0, 0.0)
 CLEARED_RADIUS = 1.5
-"""Half side of the square around the robot that a recovery clears of obstacles marked by scans [m]."""
+"""Recovery behaviors delete obstacles marked by scans from a square of this half side around the robot [m]."""
 UNKNOWN_MARGIN, MAX_UNKNOWN_MARGIN = 3.0, 12.0
 """Initial and maximum width of unknown space around map, goal and robot that paths may cross [m]."""
 MIN_EDGE_DISTANCE = 1.0
@@ -57,7 +57,7 @@ BLOCKED_REASONS = {
 DETOUR_TIME = 10.0
 """Duration of treating people as obstacles after a failed drive, so that paths avoid them [s]."""
 APPROACH_DISTANCE = 0.3
-"""Pure pursuit replaces the local planner this near to a goal with a heading [m]."""
+"""Distance to a goal with a heading below which pure pursuit replaces the local planner [m]."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Spacing of the points that a search around the goal visits, and maximum path length to the next point [m]."""
 HOME = (0.0, 0.0)
@@ -119,7 +119,7 @@ class GoalParams:
     goal_tolerance: float = 0.15
     """Distance to the goal that counts as arrival [m]."""
     search_radius: float = 0.0
-    """Radius of the search around the goal after arrival, while the task continues [m]; 0 for none."""
+    """Radius of the search around the goal if arrival does not end the task [m]; 0 for none."""
     heading_tolerance: float = 0.15
     """Heading tolerance at the goal [rad]."""
     update_period: float = 0.3
@@ -141,11 +141,11 @@ class GoalParams:
 
 
 class GoalNavigator:
-    """Explorer that plans paths to one goal at a time and follows them.
+    """Drives a robot to one goal at a time, along planned paths.
 
-    Each recovery clears obstacles marked by scans and triggers replanning. Without localization, the robot drives
-    reactively by the scan. Without valid ranges, the robot waits. On a growing map, paths may cross unknown space and
-    are replanned when blocked.
+    Each recovery behavior deletes obstacles marked by scans and triggers replanning. Without localization, the robot
+    drives reactively by the scan. Without valid ranges, the robot waits. On a growing map, paths may cross unknown
+    space and are replanned when blocked.
     """
 
     def __init__(
@@ -357,11 +357,6 @@ class GoalNavigator:
         return False
 
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
-        """Plan a path, with fallbacks; return False without a path.
-
-        Fallbacks: smaller footprints, more unknown space, no obstacles marked by scans, a straight exit from a mapped
-        obstacle, and on growing maps the smallest footprints.
-        """
         assert self.goal is not None
         assert self.target is not None
         allow_unknown = self._allow_unknown

@@ -28,7 +28,7 @@ SPIN_STRIDE = 10
 HEADING_OFFSET = 10
 """Number of path points from the nearest point to the point that the robot should face."""
 HEADING_RADIUS = 0.2
-"""The cost `angle` is zero this near to the path point that the robot should face [m]."""
+"""The cost `angle` is zero below this distance to the path point that the robot should face [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class MppiParams:
     people_gap: float = 0.05
     """Gap to a person that counts as contact [m]."""
     headway: float = 0.05
-    """Increase of the contact gap `people_gap` with robot speed [m per m/s], because people swerve."""
+    """Increase of `people_gap` with the robot's speed [m per m/s], because people swerve."""
     doubt_time: float = 3.0
     """Time constant of the decay of `people_touched` with prediction time [s]."""
     twirl: float = 0.1

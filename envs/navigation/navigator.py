@@ -56,7 +56,7 @@ class Navigator:
         *,
         max_time: float = math.inf,
     ) -> None:
-        """Create a navigator; `max_time`: maximum drive time [s], extended by a running recovery behavior."""
+        """Create a navigator; `max_time`: maximum drive time [s]; a recovery behavior is completed first."""
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
         angles = robot.lidar.angles + robot.lidar.mount.yaw
@@ -145,7 +145,7 @@ class Navigator:
         self.record["index"] = 0
 
     def apply_correction(self, correction: Correction) -> None:
-        """Transform the path, the goal and the position to face there by a map correction, such as a loop closure."""
+        """Transform path, goal and the point to face at the goal by a map correction, such as a loop closure."""
         if not self.has_goal:
             return
         record, first = self.record, int(self.record["index"])
@@ -199,7 +199,7 @@ class Navigator:
         return self.check_progress(pose, bumper=reading.bumper)
 
     def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
-        """Return the progress of the drive, such as `DRIVING`, after a reading has been processed."""
+        """Check goal, motion and time limits; return the progress of the drive, such as `DRIVING`."""
         return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
 
     def command(self, pose: Pose2D) -> Twist:

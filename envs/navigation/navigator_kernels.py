@@ -23,9 +23,9 @@ DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 """Progress of a drive: driving, replan due, goal reached, failed, time limit reached, spin completed."""
 
 WELL_IN_VIEW = 0.8
-"""Central fraction of the field of view; a robot turns until the chosen frontier is inside."""
+"""Central fraction of the field of view that must contain the chosen frontier before the robot stops turning."""
 CONTACT_MARGIN = 0.05
-"""A stalled robot deletes remembered obstacle points this near to its footprint [m], since contacts may enclose it."""
+"""Gap to the footprint [m]; a stalled robot deletes nearer remembered obstacles, as contacts may enclose it."""
 NAVIGATOR = record_type(
     [
         *FOLLOWER_FIELDS,
@@ -90,8 +90,8 @@ def navigator_numbers(
 def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
     """Update obstacle points with a scan.
 
-    Points outside the field of view are remembered and moved by odometry. Each bumper contact replaces the last
-    contact, or contacts would enclose a turning robot.
+    Points outside the field of view are remembered and moved by odometry. A new bumper contact replaces remembered
+    points inside the footprint, since points of several contacts would enclose a turning robot.
     """
     record, numbers = navigators[0], constants[0]
     ranges, directions, bumper = sensors
@@ -155,7 +155,7 @@ def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants
 
 @njit(cache=True, error_model="numpy")
 def recover(navigators, points, backwards, constants):
-    """Begin a recovery behavior: back up, or drive forward if there is more room, then spin, left and right in turn."""
+    """Begin a recovery behavior: back up, or drive forward if there is more room, then spin, to alternating sides."""
     record, numbers = navigators[0], constants[0]
     record.recoveries += 1
     radius, reach = numbers.radius, numbers.back_reach

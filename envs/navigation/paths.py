@@ -249,10 +249,11 @@ def plan_path(
 
 
 def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, least: float = 0.0) -> list[np.ndarray]:
-    """Return straight paths out of mapped obstacles that the scan does not show, shortest first.
+    """Return straight paths out of a mapped obstacle that the robot overlaps, shortest first.
 
-    `obstacles`: visible points, shape (k, 2), base frame [m]. `reach`, `least`: maximum and minimum length [m]. Paths:
-    shape (n, 2), points at most a cell apart, map frame [m]; none if the footprint is free.
+    The scan must show free space along a path. `obstacles`: scanned points, shape (k, 2), base frame [m]. `reach`,
+    `least`: maximum and minimum path length [m]. Paths: shape (n, 2), points at most a cell apart, map frame [m]; none
+    if the footprint is free.
     """
     grid, found = costmap.grid, []
     here = grid.cells(np.array(pose[:2]))

@@ -17,7 +17,7 @@ from lidarnaut.envs.navigation.obstacles import points_within
 
 @njit(cache=True, error_model="numpy")
 def join_cells(data, block, occupancy, window):
-    """Write the maximum of each `block` x `block` map cells to a rectangle of `occupancy`; unknown is -1."""
+    """Fill a rectangle of planning cells with the maximum of their `block` x `block` map cells; -1 is unknown."""
     top, left, height, width = window
     rows, cols = data.shape
     lines = np.empty(width * block, dtype=np.int8)
@@ -78,7 +78,7 @@ def clear_beams(marks, x, y, angles, lengths):
 
 @njit(cache=True, error_model="numpy")
 def mark(marks, occupancy, cells, reach):
-    """Mark cells as occupied in `marks`, except within `reach` cells of an occupied map cell; -1 marks all cells."""
+    """Mark cells as occupied, except within `reach` cells of an occupied map cell; `reach` -1: no exceptions."""
     height, width = occupancy.shape
     for k in range(cells.shape[0]):
         row, col = cells[k]
@@ -96,8 +96,8 @@ def mark(marks, occupancy, cells, reach):
 def update_costs(occupancy, marks, obstacles, bodies, tables, costs, open_weights, window):
     """Update traversal costs in a rectangle of cells by inflation of mapped, marked and visible obstacles.
 
-    Cells of `obstacles` are ignored near occupied map cells, cells of `bodies` never. Writes `costs`, shape (height,
-    width), uint8, and cell weights, see `_expand`.
+    `obstacles`: cells of scanned obstacles, ignored near occupied map cells. `bodies`: obstacle cells that are never
+    ignored. Writes `costs`, shape (height, width), uint8, and `open_weights`, the cell weights for path search.
     """
     top, left, bottom, right = window.row, window.col, window.row + window.height, window.col + window.width
     height, width = occupancy.shape

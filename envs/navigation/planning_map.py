@@ -68,7 +68,7 @@ class CostLayer:
         self.tables, self.params = tables, params
         self.costs = np.full(shape, COST_UNKNOWN, dtype=np.uint8)
         self.open_weights = np.zeros((shape[0] + 2) * (shape[1] + 2), dtype=np.uint8)
-        """Cell weights for path search (see `step_weights`), uint8, flat with a border of one cell."""
+        """Weight of each cell in path search (see `step_weights`), uint8; flat raster with a border of one cell."""
         self.pending = NO_WINDOW
         """Rectangle of cells with outdated costs."""
         self.in_sight = NO_WINDOW
@@ -132,10 +132,10 @@ class PlanningMap:
     def layer(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> CostLayer:
-        """Return the traversal costs for a footprint radius, including visible obstacles.
+        """Return costmap and path search weights for a footprint radius, including visible obstacles.
 
         `level`: index of the radius, from 0 to `max_level`. `obstacles`: scanned points, ignored near occupied map
-        cells. `bodies`: points that are never ignored. Shape (n, 2), float64, base frame [m].
+        cells. `bodies`: obstacle points that are never ignored. Both: shape (n, 2), float64, base frame [m].
         """
         self.refresh()
         tables = self.tables[level]

@@ -36,7 +36,7 @@ class PlanningParams:
     view_range: float = 8.0
     """Radius for counting unknown area in view of a viewpoint [m], limited by the lidar's range."""
     heading_distance: float = 0.6
-    """Length of the first stretch of a path, whose direction is the policy input `turn` [m]."""
+    """Distance along a path to the point whose bearing is the policy input `turn` [m]."""
 
     def costmap(self, robot_radius: float) -> CostmapParams:
         """Return inflation parameters for a footprint radius [m]."""
@@ -54,7 +54,7 @@ class NavigatorParams:
     goal_tolerance: float = 1.6
     """Distance to the goal that counts as arrival, in robot radii; at most 0.2 m."""
     frontier_radius: float = 0.4
-    """A drive continues while a frontier cell remains within this radius of the chosen frontier [m]."""
+    """Radius around the chosen frontier [m]; the drive ends early when no frontier cell is left inside."""
     stall_time: float = 3.0
     """Time without translation or rotation that triggers a recovery behavior [s]."""
     stall_angle: float = 0.3
@@ -72,11 +72,11 @@ class NavigatorParams:
     spin_rate: float = 1.0
     """Yaw rate of recovery spins [rad/s], limited by the robot."""
     look_radius: float = 3.0
-    """Frontier cells within this distance of a frontier are ignored after `max_failures` failed drives, in robot radii;
-    at most 0.75 m. After a visit, cells in sight up to this distance beyond the frontier are ignored."""
+    """Radius around a frontier, in robot radii, at most 0.75 m; frontier cells inside are ignored after `max_failures`
+    failed drives. After a visit, cells in sight up to this distance beyond the frontier are ignored."""
     retry_radius: float = 0.5
-    """Distance below which frontiers count as the same in numbers of failures and ages [m]."""
+    """Distance below which two frontiers count as the same, for ages and numbers of failed drives [m]."""
     max_failures: int = 3
     """Number of failed drives after which a frontier is ignored."""
     max_looks: int = 40
-    """Maximum number of times that the robot looks around while a person may block the last passage."""
+    """Maximum number of retries per episode when people may have blocked the passage to the last frontiers."""

@@ -69,9 +69,9 @@ class TeamNavigator:
     def update(
         self, readings: Sequence[Reading], beliefs: Sequence[Belief], *, is_asked: bool = False
     ) -> list[TeamRobot]:
-        """Process a reading of each robot; return the robots that need a new frontier.
+        """Process a sensor reading of each robot; return the robots that need a new frontier.
 
-        Robots that pause without a frontier are included if another robot needs a frontier, or if `is_asked`.
+        A robot that pauses for lack of a frontier is included early if another robot needs one, or if `is_asked`.
         """
         self._poses, due = [belief.pose for belief in beliefs], list[TeamRobot]()
         for robot in self.team:

@@ -22,7 +22,7 @@ PAUSE_TIME = 1.0
 BLOCKED_TIME = 1.0
 """Time without progress after which a robot counts as blocked [s]."""
 PASSED_CLEARANCE = 0.5
-"""A waiting robot drives on at this distance from the passing robot's remaining path, plus two robot radii [m]."""
+"""Waiting ends at this gap between the waiting robot and the area that the passing robot will still cover [m]."""
 MAX_WAIT = 15.0
 
 
@@ -122,9 +122,9 @@ class TeamRobot(FrontierNavigator):
         return self.driving_to is not None and not self.navigator.is_recovering
 
     def advance(self, reading: Reading, belief: Belief, *, is_asked: bool) -> bool:
-        """Process a reading, with beams on teammates set to NaN; return True if the robot needs a new frontier.
+        """Process a sensor reading; return True if the robot needs a new frontier.
 
-        `is_asked`: search for frontiers even during a pause (see `wait`).
+        `reading`: beams on teammates are NaN. `is_asked`: search for frontiers even during a pause (see `wait`).
         """
         self._idle_steps = 0 if self.driving_to is not None else self._idle_steps + 1
         self._pause_steps -= 1
@@ -153,7 +153,7 @@ class TeamRobot(FrontierNavigator):
             self.integrate(belief)
 
     def refresh(self, reading: Reading, belief: Belief) -> None:
-        """Find reachable frontiers during a drive. The next `choose` continues the time limits of this drive."""
+        """Find reachable frontiers during a drive. A choice among them continues the time limits of this drive."""
         self._keeps_clocks = True
         self.find_candidates(reading, belief)
 

@@ -20,7 +20,7 @@ RAYS = np.array(
 )
 """Unit ray directions (row, column), shape (NUM_RAYS, 2)."""
 SHARE_RADII = (1.0, 2.0, 4.0)
-"""Radii of the discs around a frontier for computing the unknown share [m]."""
+"""Radii of the discs around a frontier whose unknown fractions are policy inputs [m]."""
 SHARE_STEPS = 10
 
 
@@ -58,10 +58,10 @@ def cast_view(occupancy, row, col, reach, free, unknown):
 
 @njit(cache=True, error_model="numpy")
 def fill_sectors(free, unknown, first, reach, sectors):
-    """Summarise rays in sectors, counter-clockwise from the ray with index `first`; see `cast_view`.
+    """Reduce visibility rays to sectors, counter-clockwise from the ray with index `first`; see `cast_view`.
 
-    Writes `sectors`, shape (2 * NUM_SECTORS,), float32: shortest ray of each sector divided by `reach`, then unknown
-    share of each sector.
+    Writes `sectors`, shape (2 * NUM_SECTORS,), float32: length of each sector's shortest ray divided by `reach`, then
+    unknown fraction of each sector.
     """
     full = math.pi * reach * (reach + 1) / NUM_RAYS
     for k in range(NUM_SECTORS):
