@@ -41,7 +41,7 @@ def start_walk(x0, y0, x1, y1):
 
 @njit(cache=True, error_model="numpy")
 def next_cell(walk):
-    """Advance a grid traversal to the next cell on the line. At a corner, the column changes first."""
+    """Advance a grid traversal to the next cell on the line. At a corner of cells, the column changes first."""
     row, col, rows_left, cols_left, next_row, next_col, row_step, col_step, per_row, per_col = walk
     if next_col <= next_row:
         col, cols_left = col + col_step, cols_left - 1

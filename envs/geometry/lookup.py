@@ -38,5 +38,5 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]
 
 
 def record_type(fields: Any) -> np.dtype:
-    """Return a structured dtype with fields that Numba functions read as attributes, also with compilation disabled."""
+    """Return a structured dtype with fields that are read as attributes in Numba functions, compiled or not."""
     return np.dtype((np.record, fields) if config.DISABLE_JIT else fields)  # type: ignore[attr-defined]

@@ -42,10 +42,10 @@ def _polar(x: float, y: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
-    """Find the lidar beams that may hit each wall segment, for a sensor at (x, y).
+    """Find the lidar beams that may hit each wall segment, for a sensor at (x, y) [m].
 
-    `intervals`: output, shape (6, n): segment's start and vector to its end (frame of the first beam) [m], first beam,
-    and number of beams (-1: out of range).
+    `intervals`: output, shape (6, n). Per segment: start point and vector to its end [m], with x along the first beam
+    of the lidar; first beam that may hit; number of such beams, -1 if out of range.
     """
     start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
     first, span = intervals[4], intervals[5]

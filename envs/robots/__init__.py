@@ -30,7 +30,7 @@ def load_robot(robot: str | Path | RobotParams) -> RobotParams:
     """Return the parameters of a robot.
 
     Args:
-        robot: name in the library, path of a YAML file, `module:attribute`, or the parameters themselves.
+        robot: name in the library, path of a YAML file, import path `module:attribute`, or the parameters themselves.
 
     Raises:
         ValueError: the name is unknown, or the file has missing or unknown keys or invalid values.

@@ -130,11 +130,11 @@ class OdometryNoise:
     """
 
     position_std: Positive = 0.003
-    """Standard deviation of the position error of a motion of zero length [m]."""
+    """Standard deviation of the position error that every motion adds, independent of its distance [m]."""
     position_per_metre: NotNegative = 0.02
     """Standard deviation of the position error per driven metre [m/m]."""
     heading_std: Positive = 0.003
-    """Standard deviation of the heading error of a motion of zero length without turn [rad]."""
+    """Standard deviation of the heading error that every motion adds, independent of its turn and distance [rad]."""
     heading_per_radian: NotNegative = 0.03
     """Standard deviation of the heading error per radian of turning [rad/rad]."""
     heading_per_metre: NotNegative = 0.03

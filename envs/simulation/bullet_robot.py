@@ -27,11 +27,9 @@ _WHEEL_INERTIA_RATIO = 0.25
 """Moment of inertia of a wheel with motor, divided by body mass times squared wheel radius."""
 _OTHER_BODY, _NORMAL_FORCE = 2, 9
 _LIFT_HEIGHT = 1e3
-"""Height of a robot that is lifted out of contact at a reset [m]."""
 _MIN_COS_TILT = math.cos(math.radians(20.0))
-"""Cosine of the maximum tilt. A robot that tilts further is set upright."""
 _MAX_PENETRATION = 0.01
-"""Tolerated penetration of a wall into the body, in addition to the travel during a physics step [m]."""
+"""Wall penetration, beyond the travel in a physics step, above which a robot counts as driven through a wall [m]."""
 _MAX_PENETRATION_RATIO = 0.25
 """Maximum tolerated wall penetration, divided by half the body's length or width."""
 

@@ -22,7 +22,6 @@ _MAX_RECTANGLES = 100_000
 """Number of wall rectangles above which only walls near the robots are created."""
 _RECTANGLES_PER_CIRCLE = 32
 _REBUILD_DISTANCE = 2.0
-"""Distance that a robot moves before nearby walls are updated [m]."""
 
 
 def import_pybullet() -> ModuleType:

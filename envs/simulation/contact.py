@@ -16,13 +16,11 @@ from .records import COMMANDED_V, ROBOT, THETA, TOUCHED, TOUCHED_PERSON, X, Y
 
 _MAX_PUSHES = 12
 _TOLERANCE = 1e-6
-"""Overlap of a footprint with an obstacle that is ignored [m]."""
 CONTACT_GAP = 0.01
 """Maximum gap from a colliding robot to objects that are reported as touched [m]."""
 FAULT_SPEED = 0.05
 """Approach speed of a robot below which contact with a person is not the robot's fault [m/s]."""
 _MIN_GAP = 1e-4
-"""Minimum gap between two robots at the start [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -130,7 +128,7 @@ def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
     """Check that robots with a footprint `radius` [m] do not collide at their start poses.
 
     Raises:
-        ValueError: a pose is not finite, or a footprint overlaps an obstacle or footprint.
+        ValueError: a pose is not finite, or a footprint overlaps an obstacle or another footprint.
     """
     circles = world.circles_at_start
     for pose in poses:

@@ -18,18 +18,18 @@ from .simulator import Simulator
 SLIP_MARGIN = 0.5
 """Wheel slip raises speed and yaw rate above the robot's maxima by at most this fraction."""
 _MAX_SLIDE_RATIO = 1.1
-"""A robot stays in place if contact would move it by more than this multiple of its free motion in a physics step, and
-more than half its radius."""
+"""Maximum displacement of a robot that slides along an obstacle, divided by its displacement without the obstacle, per
+physics step. Beyond this and half its radius, the robot stays in place."""
 
 
 @njit(cache=True, error_model="numpy")
 def plan_wheels(reached, command, normals, robot, rates, slips):
-    """Compute the wheel rates of a control period, and return the twist (v, w) at the end.
+    """Compute the wheel rates of a control period, within the robot's limits of speed and acceleration.
 
-    Limits speed and acceleration. Wheel slip after Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots,
-    equation 5.8. `reached`, `command`: twist (v, w) at the start and commanded twist [m/s, rad/s]. `normals`: standard
-    normal numbers for the slip of both wheels. `rates`, `slips`: outputs, shape (substeps, 2), float64: wheel rates
-    that encoders measure, and slip added to these [rad/s].
+    Returns the twist (v, w) at the end, without slip. `reached`, `command`: twist at the start, and target twist [m/s,
+    rad/s]. `normals`: standard normal numbers for the slip of the left and right wheel. `rates`, `slips`: outputs,
+    shape (substeps, 2), float64: wheel rates without slip, and slip to add [rad/s] (Siegwart and Nourbakhsh,
+    Introduction to Autonomous Mobile Robots, equation 5.8).
     """
     v, w = reached
     substeps = int(robot.substeps)

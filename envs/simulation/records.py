@@ -64,34 +64,36 @@ Encoder counts, gyroscope yaw rate [rad/s], compass heading [rad], and contact. 
 or robot, 2 plus index for a person."""
 TOUCHED_PERSON = 2
 STEPS, TIME, DRAW, COMMAND_V, COMMAND_W = range(16, 21)
-"""Columns of a robot's state vector: number of control periods and time [s] since the reset, index of the present
-control period in `Rows.draws`, and commanded twist [m/s, rad/s]."""
+"""Columns of a robot's state vector: number of control periods and time [s] since the reset, index of the control
+period in the array of random numbers `Rows.draws`, and commanded twist [m/s, rad/s]."""
 LAST_X, LAST_Y, LAST_THETA, LAST_LEFT, LAST_RIGHT, LAST_TOUCHED = range(21, 27)
 """Columns of a robot's state vector: true pose, encoder counts and contact of the previous control period."""
 ODOMETRY, MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = 27, 30, *range(33, 37)
-"""Columns of a robot's state vector with odometry.
+"""Columns of a robot's state vector: odometry.
 
-First columns (x, y, theta) of the motion in the last control period, by odometry and as given to the pose estimator;
-columns of the estimated twist [m/s, rad/s], gyroscope bias estimate and its variance."""
+`ODOMETRY`: first of three columns (x, y, theta) with the motion in the last control period, by odometry. `MOTION`:
+likewise, the motion that the pose estimator uses. Then velocity by odometry [m/s, rad/s], and estimate and variance of
+the gyroscope bias."""
 POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
-"""First columns of poses and path points in a robot's state vector.
+"""First columns of poses (x, y, theta) and path points (x, y) in a robot's state vector.
 
-Map frame: estimated pose, and pose of the last scan that was matched and integrated. World frame: pose of the map
-frame. Last stored points (x, y) of the estimated path and of the true path."""
+Map frame: estimated pose, and pose of the last scan that entered the map. World frame: pose of the map frame. Last
+points of the estimated path (map frame) and of the true path (world frame)."""
 PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
-"""Columns of a robot's state vector: driven distance [m], number of collisions, last action, and bit flags of due work
-(process a scan, extend a path)."""
+"""Columns of a robot's state vector: driven distance [m], number of collisions, last action (v, w), and bit flags that
+request processing a scan or extending a path."""
 PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
-"""Columns of a robot's state vector with contacts and distances to people.
+"""Columns of a robot's state vector: distances to people, and contacts.
 
-Present and smallest gap to people [m], smallest time to collision [s], time in personal space [s], cause of the present
-contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and caused by people."""
+Present and smallest gap to people [m]; smallest time to collision [s]; time in personal space [s]; cause of the present
+contact (`envs.transition.BY_...`); numbers of contacts with obstacles or robots, with people by the robot's fault, and
+by the person's fault."""
 MOTION_SETTINGS, ROBOT = 63, 70
-"""First columns of the odometry settings and the robot parameters in a robot's state vector."""
+"""First columns of odometry settings (`MotionSettings`) and robot parameters (`RobotRecord`) in a robot's state."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
 ROW_SIZE = ROBOT + RECORD_SIZE
 SENSED = np.ones(ROW_SIZE)
-"""Factors that hide ground truth in a robot's state vector, shape (ROW_SIZE,), float64: NaN if hidden, else 1."""
+"""Factors for the columns of a robot's state vector, shape (ROW_SIZE,), float64: NaN to hide ground truth, else 1."""
 SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
 SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, MOTION_SETTINGS), *range(ROBOT, PERIOD), PERIOD + 1]] = (
     np.nan

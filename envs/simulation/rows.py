@@ -46,7 +46,7 @@ class Reading(NamedTuple):
 
     @classmethod
     def of_scan(cls, ranges: np.ndarray, time: float = 0.0) -> "Reading":
-        """Create a reading of lidar ranges alone, shape (num_beams,), float32 [m]."""
+        """Create a reading with lidar ranges, shape (num_beams,), float32 [m]; other sensors measure 0 or NaN."""
         return cls(time, ranges, (0, 0), 0.0, math.nan, False)
 
 
@@ -69,17 +69,17 @@ class Rows:
         self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
         """Lidar ranges, shape (num_robots, num_beams), float32 [m]."""
         self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
-        """Random numbers for motion and sensor noise, shape (num_robots, BLOCK, n), float64: n per control period.
+        """Random numbers for motion and sensor noise, shape (num_robots, BLOCK, n), float64.
 
-        Standard normal numbers for wheel slip, gyroscope, compass and each beam. With lidar dropout, uniform numbers in
-        [0, 1) per beam follow."""
+        Each control period uses n numbers: standard normal numbers for wheel slip (2), gyroscope, compass and each
+        beam; with lidar dropout, also a uniform number in [0, 1) per beam."""
         self.memory: dict[Hashable, np.ndarray] = {}
-        """Data that tasks and observations keep during an episode, by name, shape (num_robots, n) each."""
+        """Data that tasks and observations store from step to step: arrays by name, shape (num_robots, n) each."""
         self.set_robot(robot, control_period)
         self.reset()
 
     def remember(self, name: Hashable, size: int, dtype: Any = np.float64) -> np.ndarray:
-        """Return the array `name` of a task or observation, shape (num_robots, size), initially zero."""
+        """Return the data that a task or observation stores as `name`, shape (num_robots, size); zeros at first."""
         if name not in self.memory:
             self.memory[name] = np.zeros((len(self.numbers), size), dtype)
         return self.memory[name]

@@ -12,7 +12,7 @@ from lidarnaut.envs.geometry.rows import write_row
 from . import records as at
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
-"""Indices in the normal random numbers of a control period: slip of both wheels, gyroscope, compass. Lidar beams
+"""Indices of the random numbers for wheel slip, gyroscope and compass in a control period; those for lidar beams
 follow."""
 OTHER_NORMALS = 4
 
@@ -37,8 +37,8 @@ def tilt_ranges(ranges, robot):
 def disturb_ranges(ranges, draws, robot):
     """Add noise, rounding and dropout to exact lidar ranges, in place.
 
-    `ranges`: shape (num_beams,), float32 [m]; inf without a hit. `draws`: standard normal number per beam; with
-    dropout, then a uniform number in [0, 1) per beam.
+    `ranges`: shape (num_beams,), float32 [m]; inf without a hit. `draws`: random numbers: a standard normal number per
+    beam; then, with dropout, a uniform number in [0, 1) per beam.
     """
     num_beams = ranges.shape[0]
     for k in range(num_beams):
@@ -98,7 +98,7 @@ def sense(rows, draws, ranges, segments, circles):
 
     Args:
         rows: state vectors, shape (num_robots, ROW_SIZE), float64, updated.
-        draws: random numbers, see `Rows.draws`.
+        draws: random numbers of BLOCK control periods, shape (num_robots, BLOCK, n), float64.
         ranges: output, shape (num_robots, num_beams), float32 [m].
         segments: walls (x0, y0, x1, y1), shape (n, 4), float64 [m].
         circles: obstacles and people (x, y, radius), shape (m, 3), float64 [m].

@@ -97,9 +97,9 @@ class Simulator(ABC):
         return self._readings()
 
     def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
-        """Move the robots by one control period, with results in `rows`.
+        """Move the robots by one control period; the results are in `rows`.
 
-        `commands`: twists [m/s, rad/s]. `ahead`: number of control periods with noise sampled at once.
+        `commands`: twists [m/s, rad/s]. `ahead`: number of control periods whose noise is sampled at once.
         """
         world, rows = self._reset_world(), self.rows
         self._check_number(commands=commands)
@@ -119,7 +119,7 @@ class Simulator(ABC):
 
     @abstractmethod
     def _move(self, world: World) -> None:
-        """Move people and robots by the commands in `rows`, and simulate the sensors."""
+        """Move people and robots by one control period, and simulate the sensors."""
 
     def sense(self) -> None:
         rows, world = self.rows, self._reset_world()

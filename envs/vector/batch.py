@@ -52,7 +52,7 @@ class Batch:
         )
         self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
         self.active = np.ones(len(self.robots), dtype=np.bool_)
-        """Mask of robots that moved in the current control period, shape (n,), bool."""
+        """Mask of robots whose sub-environments take part in the current step, shape (n,), bool."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
         self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
@@ -71,7 +71,7 @@ class Batch:
         """Numba list of the wall segments, circular obstacles and people of each sub-environment."""
 
     def bind(self, indices: Sequence[int]) -> None:
-        """Move the data of sub-environments into shared arrays after a reset, and read their worlds and time limits."""
+        """Connect sub-environments to the shared arrays after a reset: robot states, worlds, task data, time limits."""
         envs, num_robots = self._envs, self._num_robots
         if self.surroundings is None:
             self.surroundings = repeat(_surroundings(envs[0]), len(envs))
@@ -98,10 +98,10 @@ class Batch:
         self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
-        """Step the active sub-environments, and return the mask of ended episodes.
+        """Step the active sub-environments, and return a mask of ended episodes.
 
-        Writes rewards and `info` of episodes that continue; the caller completes the ended ones. `is_last`:
-        sub-environments to truncate after this step. Masks have shape (num_envs,), bool.
+        Writes rewards and `info` of continuing episodes only; the caller adds those of ended episodes. `is_last`: mask
+        of sub-environments to truncate after this step. Masks have shape (num_envs,), bool.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
@@ -134,7 +134,7 @@ class Batch:
         return is_over
 
     def catch_up(self) -> None:
-        """Bring the Python objects of sub-environments up to date with the state arrays that Numba functions write."""
+        """Update the Python objects of sub-environments after steps that changed only the state arrays."""
         self._finish(np.flatnonzero(self._is_behind).tolist())
         self._is_behind[:] = False
 
@@ -178,10 +178,11 @@ class Batch:
         self._is_new[:] = False
 
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
-        """Return the maps of all robots, downscaled to cells of about `resolution` [m], for cropping map images.
+        """Return the maps of all robots in cells of about `resolution` [m], for cropping map images.
 
-        Four values: Numba list of bit-packed maps; heights and widths, shape (n, 2), int64; map origins, shape (n, 2),
-        float64 [m]; cell size [m].
+        Returns:
+            Bit-packed maps (Numba list); map heights and widths [cells], shape (n, 2), int64; map origins (x, y), shape
+            (n, 2), float64 [m]; cell size [m].
         """
         side = 0.0
         if resolution not in self._levels:

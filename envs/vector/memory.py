@@ -14,14 +14,14 @@ WHOLE = ""
 
 
 def parts_of(observation: Any) -> Mapping[str, Any]:
-    """Return an observation (space) as a mapping of names to arrays (spaces). A single array gets the name ""."""
+    """Split an observation into arrays by name, or an observation space into spaces. A single array is named ""."""
     if isinstance(observation, spaces.Dict):
         return observation.spaces
     return observation if isinstance(observation, dict) else {WHOLE: observation}
 
 
 def whole_of(parts: Mapping[str, np.ndarray]) -> Any:
-    """Convert a mapping of names to arrays to an observation: a dictionary, or the array named ""."""
+    """Return the observation that consists of the given arrays: a dictionary, or the array if its name is ""."""
     return parts[WHOLE] if WHOLE in parts else dict(parts)
 
 
@@ -66,7 +66,7 @@ class Absent:
 
 
 SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, int, np.float64, np.float32, np.int64)}
-"""NumPy type code of each scalar type that structured arrays store; not `np.bool_`, which Gymnasium stores as an
+"""NumPy type code, such as "<f8", of each scalar type that structured arrays store. Gymnasium stores `np.bool_` as an
 object."""
 
 

@@ -34,7 +34,7 @@ class Shard:
         autoreset_mode: AutoresetMode,
         max_episode_steps: int | None,
     ) -> None:
-        """Create the sub-environments. `share`: rows of this process in the shared arrays."""
+        """Create the sub-environments of one process. `share`: their indices among all sub-environments."""
         self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]
         for env in self._inner:  # separate spaces would each store pixel bounds
@@ -54,9 +54,10 @@ class Shard:
     def reset(
         self, seeds: Sequence[int | None], mask: Sequence[bool], options: dict[str, Any] | None
     ) -> tuple[np.ndarray, Extras]:
-        """Start episodes in the sub-environments selected by `mask`.
+        """Start episodes in the sub-environments selected by `mask`, and return their `info`.
 
-        Returns `info` as a structured array, shape (num_envs,), zero outside `mask`, and other entries as dictionaries.
+        Returns a structured array, shape (num_envs,), zero outside `mask`; and dictionaries of entries that it cannot
+        hold.
         """
         self._records.extras = {}
         for i, seed in enumerate(seeds):
@@ -68,7 +69,7 @@ class Shard:
         return np.where(mask, rows, np.zeros_like(rows)), self._records.extras
 
     def fix_kinds(self, kinds: Sequence[tuple[str, Any]]) -> None:
-        """Set the `info` entries (name, NumPy type) stored in a structured array instead of dictionaries."""
+        """Select the `info` entries (name, NumPy type) to store in a structured array instead of dictionaries."""
         first, self._records = self._records.extras, Records(len(self.envs), kinds)
         for i, info in first.items():
             self._records.note(i, info)

@@ -78,7 +78,7 @@ def _stop(pipe: Any, process: Any, owner: int) -> None:
 
 
 def receive(pipe: Connection) -> bytes:
-    """Return the next message of a pipe. Waits actively for 2 ms, since waking up takes as long as a step."""
+    """Return the next message of a pipe. Polls up to 2 ms before sleeping, since waking up takes as long as a step."""
     if hasattr(select, "poll"):  # not on Windows
         poll = select.poll()
         poll.register(pipe.fileno(), select.POLLIN)

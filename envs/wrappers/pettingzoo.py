@@ -105,7 +105,7 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
         return split, dict.fromkeys(agents, float(reward)), *ended, infos
 
     def state(self) -> np.ndarray:
-        """Return the map of the team, shape (height, width), int8: -1 unknown, 0 to 100 % occupied; may grow."""
+        """Return the team's map: -1 unknown, 0 to 100 % occupied, int8. The shape (height, width) may grow."""
         return self.env.belief.grid.data.copy()
 
     def _split(self, observation: Observation) -> dict[str, Observation]:
@@ -149,10 +149,11 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self._take(observation, info, terminated=False, truncated=False)
 
     def step(self, action: Any) -> None:
-        """Send the selected agent's robot to a frontier (index), and drive all robots until one needs a new frontier.
+        """Send the selected agent's robot to frontier number `action`; drive all robots until one needs a new frontier.
 
         Raises:
-            ValueError: the action is not an integer from 0 to `max_candidates` - 1, or not None after the end.
+            ValueError: the action is not an integer from 0 to `max_candidates` - 1, or that of an ended agent is not
+                None.
             gymnasium.error.ResetNeeded: before `reset`, after the episode, or after a failed step.
         """
         self._check_begun()

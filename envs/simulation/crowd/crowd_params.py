@@ -62,10 +62,9 @@ CROWDS = {
 }
 """Predefined crowds by name; all people avoid robots."""
 PeopleLike = int | tuple[int, int] | str | Crowd | Mapping[str, Any] | None
-"""Values of the argument `people`: number, range (low, high), `Crowd`, name of a predefined crowd, or mapping of
-parameters.
+"""Values of the argument `people`: number, range (low, high), `Crowd`, name of a predefined crowd, or mapping.
 
-A mapping changes the crowd under its key `crowd`, or the default. As text: `dense?attentive=0.5`,
+A mapping sets parameters, starting from the crowd under its key `crowd` or the default. As text: `dense?attentive=0.5`,
 `20?attentive=0.5,model=orca`."""
 
 

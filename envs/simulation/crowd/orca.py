@@ -35,7 +35,6 @@ class Orca(NamedTuple):
 
 NUM_ORCA = len(Orca._fields)
 _EPSILON = 1e-9
-"""Sine of the angle below which two lines count as parallel."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -99,9 +98,9 @@ def _add_walls(lines, people, i, near, grid, horizon, dt):
 def avoid(lines, k, away, own, other, reach, horizon, dt, share):
     """Compute the half-plane of velocities that let a person avoid a moving disc (equation 5 of the ORCA paper).
 
-    `lines`: half-planes; row `k` is the output. `away`: position of the disc relative to the person [m]. `own`,
-    `other`: velocities of person and disc [m/s]. `reach`: sum of the radii [m]. `horizon`, `dt`: time horizon without
-    and with overlap [s]. `share`: person's fraction of the velocity change.
+    `lines`: half-planes; the result is `lines[k]`. `away`: position of the disc relative to the person [m]. `own`,
+    `other`: velocities of person and disc [m/s]. `reach`: sum of the radii [m]. `horizon`: time without collision [s].
+    `dt`: time until an existing overlap ends [s]. `share`: person's fraction of the velocity change.
     """
     px, py = away
     vx, vy = own[0] - other[0], own[1] - other[1]
@@ -126,10 +125,10 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
 
 @njit(cache=True, error_model="numpy")
 def best_velocity(lines, num_lines, num_hard, desired, limit):
-    """Return the velocity (vx, vy) in all half-planes that is closest to `desired` and not above `limit` [m/s].
+    """Return the permitted velocity (vx, vy) closest to `desired`, with a speed of at most `limit` [m/s].
 
-    If there is none, return the velocity in the first `num_hard` half-planes that violates the others least. `lines`:
-    half-planes, shape (n, 4), float64; the first `num_lines` are used.
+    Permitted is the intersection of the half-planes `lines[:num_lines]`, shape (n, 4), float64. If it is empty, the
+    largest violation is minimized, without violating the first `num_hard` half-planes (walls).
     """
     scale = min(1.0, limit / max(math.sqrt(desired[0] ** 2 + desired[1] ** 2), 1e-300))
     x, y, failed = _nearest_allowed(lines, num_lines, desired[0] * scale, desired[1] * scale, limit, desired, False)

@@ -11,13 +11,11 @@ from .walls import clearance, push_out
 MAX_OVERLAP = 0.02
 """Overlap above which two people return to their previous positions [m]."""
 _ROUNDS = 6
-"""Maximum number of passes that push overlapping people apart."""
 MAX_SPEED_RATIO = 1.5
 """Maximum speed of a pushed person, divided by the desired speed."""
 STOP_GAP = 1e-4
 """Gap between person and robot when a person stops at a robot [m]."""
 _TOLERANCE = 2e-6
-"""Overlap of a person with a wall that is ignored [m]."""
 
 
 @njit(cache=True, error_model="numpy")

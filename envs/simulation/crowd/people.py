@@ -14,7 +14,7 @@ from .routes import plan_routes
 
 
 class People:
-    """Simulated people: people on the fixed routes of a world, then a crowd placed at random in each episode."""
+    """Simulated people of an episode: first those on fixed routes of the world, then a randomly placed crowd."""
 
     def __init__(self, crowd: Crowd | None = None) -> None:
         self.crowd = crowd
@@ -65,7 +65,6 @@ class People:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Arrays of all people, destinations, costs-to-go, and model parameters with obstacles, for `step_people`."""
         return self.rows, self.points, self.fields, self.setup
 
     @property

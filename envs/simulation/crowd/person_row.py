@@ -3,9 +3,9 @@
 X, Y, VX, VY, RADIUS, SPEED, KIND, GOAL, TRIP, SLOW, HEADING, PHASE, BLOCKED = range(13)
 """Columns of a person's state vector.
 
-World position [m] and velocity [m/s], radius [m], desired speed [m/s], kind, row of the destination in `People.points`,
-number of trips, time of slow progress [s], heading [rad], stride phase [rad], and speed towards a robot that stopped
-the person [m/s]."""
+World position [m] and velocity [m/s]; radius [m]; desired speed [m/s]; kind, such as `ATTENTIVE`; index of the
+destination; number of destinations so far; time of slow progress [s]; heading [rad]; stride phase [rad]; speed of
+walking into a robot [m/s]."""
 DRAWS, NUM_DRAWS = 13, 64
 """First column and number of random numbers, uniform in [0, 1), that decide a person's destinations."""
 PERSON_SIZE = DRAWS + NUM_DRAWS
@@ -13,5 +13,5 @@ ATTENTIVE, BLIND, STANDING, FIXED_ROUTE = range(4)
 """Kinds of people: avoiding robots, not avoiding robots, standing, and on a fixed route. All stop when they reach a
 robot."""
 ORCA, LEGS, ORIGIN_X, ORIGIN_Y, ROWS, COLS, MODEL, WALLS = *range(7), 16
-"""Indices in `People.setup`: whether ORCA and legs are used; origin, rows and columns of the obstacle grid; first model
-parameter; first entry of `Walls.near`."""
+"""Indices in `People.setup`: flags for ORCA and for visible legs; origin (x, y), rows and columns of the obstacle grid;
+first parameter of the pedestrian model; start of the obstacle lists `Walls.near`."""

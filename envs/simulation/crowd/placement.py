@@ -31,7 +31,8 @@ def draw_people(
 ) -> np.ndarray:
     """Sample people at rest in free space, and return their state vectors, shape (n, PERSON_SIZE).
 
-    `robots`: start poses, world frame. `robot_radius`: footprint radius [m]. `others`: people on fixed routes.
+    `robots`: start poses, world frame. `robot_radius`: footprint radius [m]. `others`: state vectors of people on fixed
+    routes.
 
     Raises:
         ValueError: not all people fit into the world.

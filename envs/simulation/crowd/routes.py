@@ -19,7 +19,7 @@ RESOLUTION = 0.15
 NUM_DESTINATIONS = 8
 """Number of destinations of a crowd with `flow="anywhere"`."""
 STRIP_WIDTH = 0.5
-"""Maximum width of the strips at the sides of a world that people walk to, with `flow="along"` or `"across"` [m]."""
+"""Maximum width of a destination strip at a side of the world, for `flow="along"` or `"across"` [m]."""
 ARRIVAL_DISTANCE = 0.5
 """Cost-to-go below which a person has reached the destination [m]."""
 MEAN_STUCK_TIME = 3.0
@@ -29,12 +29,11 @@ SLOW_FRACTION = 0.2
 NEXT_BY_DRAW = -1.0
 """Marker in the last column of `Routes.points`: the next destination is chosen at random."""
 _PRECISION = 1e-3
-"""Smallest decrease of a cell's cost-to-go that is propagated [m]."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _WALL_COST, _FREE_CLEARANCE = 3.0, 0.25
 """Added cost per metre of walking along a wall, and gap to the wall above which no cost is added [m]."""
 _OUTSIDE_COST = 8.0
-"""Walking cost per metre in free cells that are too close to walls for a person; 1 in open space."""
+"""Walking cost per metre in free cells outside the connected space with room for a person; 1 in open space."""
 
 Costs = tuple[np.ndarray, np.ndarray]
 
@@ -138,7 +137,7 @@ def spread_costs(slowness, field):
 
     Args:
         slowness: cost per metre, shape (height, width), float32; inf in obstacles and on the border.
-        field: cost-to-go, shape (height, width), float32 [m], updated; finite at destinations.
+        field: cost-to-go, shape (height, width), float32 [m], updated; at first inf where unknown.
     """
     height, width = field.shape
     is_open = np.zeros((height, width), dtype=np.bool_)
@@ -219,8 +218,8 @@ def descent(fields, k, grid, x, y):
 def choose_directions(people, points, fields, grid, dt, directions):
     """Compute walking directions of the crowd. People that have arrived or are stuck get new destinations.
 
-    `people`: state vectors, updated. `points`, `fields`: see `Routes`. `grid`: origin (x, y) of `fields` [m]. `dt`:
-    time step [s]. `directions`: output, shape (n, 2), float64, unit vectors.
+    `people`: state vectors, updated. `points`, `fields`: destinations, and cost-to-go to each. `grid`: origin (x, y) of
+    `fields` [m]. `dt`: time step [s]. `directions`: output, shape (n, 2), float64, unit vectors.
     """
     first = points.shape[0] - fields.shape[0]
     for i in range(people.shape[0]):

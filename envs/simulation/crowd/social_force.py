@@ -28,10 +28,10 @@ class SocialForce(NamedTuple):
     behind: Share = 0.5
     """Weight of repulsion from people behind, relative to people ahead (anisotropy lambda)."""
     sideways: Share = 0.3
-    """Force to the right for passing people, divided by the repulsion."""
+    """Force to the right for passing others, divided by their repulsion."""
     braking: Positive = 1.0
-    """Limit of the backward repulsion by other people, divided by the driving force; at 1, a dense crowd stops
-    (speed-density relation of Weidmann, 1993)."""
+    """Limit of other people's repulsion against the walking direction, divided by the driving force. At 1, people stop
+    in a dense crowd (Weidmann, 1993)."""
     wall_strength: Positive = 6.0
     """Acceleration by repulsion of a wall in contact with a person [m/s2]."""
     wall_reach: Positive = 0.12
@@ -108,9 +108,9 @@ def _add(forces, i, push, nx, ny, people, directions, model):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def wall_force(near, grid, x, y, radius, model):
-    """Return the repulsion (ax, ay) of walls on a person at (x, y), as an acceleration [m/s2].
+    """Return the acceleration (ax, ay) of a person at (x, y) by the repulsion of walls [m/s2].
 
-    Only the strongest repulsion towards +x, -x, +y and -y counts.
+    Of the nearby walls, only the strongest component in each direction (+x, -x, +y, -y) counts.
     """
     left = right = down = up = 0.0
     first, end = near_list(near, grid, x, y)

@@ -12,17 +12,16 @@ CELL = 0.25
 """Cell size of the obstacle lookup grid [m]."""
 _MAX_PUSHES = 12
 _TOLERANCE = 1e-6
-"""Overlap of a person with an obstacle that is ignored [m]."""
 
 
 class Walls(NamedTuple):
     """Lookup table of the static obstacles near each grid cell."""
 
     near: np.ndarray
-    """Obstacles near each grid cell in one flat array, shape (k,), float64.
+    """Lists of the obstacles near each grid cell, in one flat array, shape (k,), float64.
 
-    In this order: start index of each list of obstacles, and end of the last list; the lists, of start indices of
-    obstacles; the obstacles (x0, y0, x1, y1, radius) [m]."""
+    Sections: first index of each cell's list, and end of the last list; the lists, of first indices of obstacles; the
+    obstacles, five numbers (x0, y0, x1, y1, radius) each [m]."""
     grid: tuple[float, float, float, float]
     """Origin (x, y) of the grid [m], and number of rows and columns."""
 
@@ -76,7 +75,7 @@ def _pairs(bodies, near, reach, origin_x, origin_y, rows, cols):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def near_list(near, grid, x, y):
-    """Return start and end index in `near` of the list of obstacles near the point (x, y); equal outside the grid."""
+    """Return the range of indices (first, end) in `near` that lists obstacles near (x, y); empty outside the grid."""
     row, col = math.floor((y - grid[1]) / CELL), math.floor((x - grid[0]) / CELL)
     if not (0 <= row < grid[2] and 0 <= col < grid[3]):
         return 0, 0
