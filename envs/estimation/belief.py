@@ -36,15 +36,15 @@ class MapUpdate(NamedTuple):
     """Changes of the occupancy grid by the last scan."""
 
     new_cells: np.ndarray
-    """Cells (row, column) that became known, counted from `origin`: shape (k, 2), int32. All known cells if redrawn."""
+    """Map cells that became known, or all known cells if redrawn: (row, column) from `origin`, shape (k, 2), int32."""
     window: Window | None
-    """Rectangle of cells that may have changed; None if the scan was not inserted."""
+    """Rectangle of map cells that may have changed; None if the scan was not added to the map."""
     redrawn: bool = False
     """True if the whole map was recomputed, after a loop closure or a change of the best particle."""
     origin: tuple[float, float] = (0.0, 0.0)
     """Position (x, y) of the corner of cell (0, 0) at the update, map frame [m]."""
     correction: Correction | None = None
-    """Displacement of the old map if the whole map was recomputed; None if unknown."""
+    """Displacement of map points if the whole map was recomputed; None if unknown."""
 
 
 NO_UPDATE = MapUpdate(NO_CELLS, None)
@@ -97,9 +97,9 @@ class Estimator(Protocol):
     def belief(self) -> Belief: ...
 
     def reset(self, rng: np.random.Generator, pose: Any = ORIGIN, map: Any = None) -> Belief:
-        """Start at `pose` in the map frame and return the estimate; None is an unknown pose on a known map.
+        """Start a new episode and return the initial estimate.
 
-        `map`: known or shared map, or None.
+        `pose`: initial pose, map frame, or None if unknown on a known map; `map`: known or shared map, or None.
         """
         ...
 
@@ -111,7 +111,7 @@ class Estimator(Protocol):
 def check_belief(belief: Any, name: str, grid: OccupancyGrid | None = None, before: Any = (None, None)) -> None:
     """Check the pose estimate and map returned by the estimator called `name`.
 
-    `grid`: grid that must be returned, if any; `before`: data and shape of the grid before the update.
+    `grid`: expected grid object, None for any; `before`: data and shape of the grid before the update.
 
     Raises:
         ValueError: a value has the wrong type or shape, is not finite or lies outside the grid.

@@ -13,7 +13,7 @@ from lidarnaut.envs.geometry.lookup import load
 OCCUPIED_FROM = 50
 """Minimum occupancy of an occupied cell [percent]."""
 LARGEST_POOLED = 8
-"""Maximum side of blocks computed directly from map cells [cells]. Larger blocks are computed from smaller blocks."""
+"""Maximum side of pyramid blocks computed from map cells [cells]. Larger blocks are computed from smaller blocks."""
 
 _POOL = 4
 _FREE = np.uint16(0xFF)
@@ -34,11 +34,11 @@ def _add_columns(lines, sums):
 
 @njit(cache=True, error_model="numpy")
 def pool_cells(data, window, block, level):
-    """Summarize square blocks of map cells for a pyramid level, inside a window (rectangle) of changed cells.
+    """Compute square blocks of a pyramid level from the map cells in them, inside a rectangle of changed cells.
 
-    `data`: occupancy [percent], shape (height, width), int8; `block`: side of a block [cells], a power of two up to
-    `LARGEST_POOLED`; `level`: output, shape (n + 1,), uint16: for each block, the fraction of free cells times 255, and
-    bits for occupied and visited; the last value is 0, for outside.
+    `data`: occupancy [percent], shape (height, width), int8; `window`: changed rectangle; `block`: side of a block
+    [cells], a power of two up to `LARGEST_POOLED`; `level`: output, one uint16 per block: fraction of free cells times
+    255, and bits for occupied and visited; the last value, 0, stands for positions outside the map.
     """
     level_width = (data.shape[1] + block - 1) // block
     first, last = window.col // block, (window.col + window.width - 1) // block + 1
@@ -72,11 +72,11 @@ def _pool_blocks(finer, height, width, window, level):
 
 @njit(cache=True, error_model="numpy")
 def crop_level(level, height, width, x, y, theta, pixel, crop):
-    """Crop a pyramid level around the robot: axis 1 of `crop` points forward, axis 2 to the left.
+    """Write a square map crop from a pyramid level, centred at the robot and turned to its heading.
 
-    `level`: block values from `pool_cells`; `x`, `y`, `theta`: robot pose relative to the map's corner [blocks, blocks,
-    rad]; `pixel`: side of a pixel [blocks]; `crop`: output, shape (3, size, size), uint8: occupied (255), fraction of
-    free cells times 255, visited (255).
+    `crop`: output, shape (3, size, size), uint8: occupied (255), fraction of free cells times 255, visited (255); axis
+    1 points forward, axis 2 left. `level`: block values from `pool_cells`; `x`, `y`, `theta`: robot pose relative to
+    the map's corner [blocks, blocks, rad]; `pixel`: side of a pixel [blocks].
     """
     size = crop.shape[1]
     c, s = np.float32(math.cos(theta) * pixel), np.float32(math.sin(theta) * pixel)
@@ -104,7 +104,7 @@ class Level:
     """Level of a map pyramid: the map divided into square blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Create a level with blocks of side `block` [cells], computed from the level `finer` or from map cells."""
+        """Create a pyramid level of blocks with side `block` [cells], computed from level `finer` or from map cells."""
         self.block, self.finer = block, finer
         self.is_stale = True
         self.pending = NO_WINDOW
@@ -122,7 +122,7 @@ class Level:
             _pool_blocks(finer.words, finer.height, finer.width, window.blocks(finer.block), self.words)
 
     def mark(self, col: float, row: float) -> None:
-        """Mark the block that contains the position (`col`, `row`) [cells] as visited."""
+        """Mark the level's block at map cell (`col`, `row`) as visited by the robot."""
         i, j = math.floor(row) // self.block, math.floor(col) // self.block
         if 0 <= i < self.height and 0 <= j < self.width:
             self.words[i * self.width + j] |= _VISITED

@@ -18,14 +18,14 @@ PASSED, HIDDEN, HIT = 1, 0, -1
 """Results of a free-space test of a disc (outline of a person): beams pass through the disc, the disc is occluded, or a
 beam ends at the disc."""
 CORE_SHARE = 0.8
-"""Inner fraction of a person's radius that is tested for free space, as walls may be close to people."""
+"""Fraction of a person's radius tested for free space; the outer part may touch walls."""
 MAX_PART_SHARE = 0.75
 """Clusters with a radius below this fraction of a body's radius are taken for partly visible bodies."""
 BODY_RADIUS, MAX_FLAT_RATIO, MIN_FLAT_SIZE, MIN_FLAT_BEAMS = 0.3, 0.27, 0.25, 8
-"""Criteria for flat clusters, such as pieces of walls: radius of a body for comparison [m]; maximum ratio of the
-cluster's depth to the depth of a body's arc; minimum width [m]; minimum number of beams."""
+"""Criteria for flat clusters, such as pieces of walls: `MIN_FLAT_SIZE` [m] wide or more, `MIN_FLAT_BEAMS` beams or
+more, and a depth below `MAX_FLAT_RATIO` times that of an arc with `BODY_RADIUS` [m]."""
 ARC_DEPTH = 0.785
-"""The centre of a disc lies this fraction of its radius behind the mean of its visible points."""
+"""Distance from the mean of a disc's visible points to its centre, divided by its radius."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -45,7 +45,8 @@ class TrackerParams:
     max_range: float = 8.0
     """Clusters farther from the lidar are ignored [m]."""
     jump: float = 0.08
-    """Constant part of the minimum gap that splits a cluster [m]. `jump_angle` adds a part proportional to range."""
+    """Neighbouring scan points are in different clusters if farther apart than this, plus a range-proportional distance
+    set by `jump_angle` [m]."""
     jump_angle: float = 0.35
     """Minimum angle between beam and surface for neighbouring points in one cluster [rad] (lambda of Borges and Aldon,
     2004)."""
@@ -60,11 +61,12 @@ class TrackerParams:
     min_beams: int = 3
     """Minimum number of beams of a cluster that starts a track."""
     margin: float = 0.1
-    """Distance that a beam must pass beyond a position to prove free space [m]."""
+    """Range tolerance of free-space tests [m]: a person's outline is free if beams end farther behind it than this."""
     drift: float = 0.01
-    """Growth of `margin` with the age of a stored scan, for odometry drift [m/s]."""
+    """Increase of the range tolerance `margin` per second of a stored scan's age, for odometry drift [m/s]."""
     slope: float = 0.4
-    """A cluster is part of a wall if the beam next to either end has a range shorter by less than this [m]."""
+    """A cluster is part of a wall if the next beam beyond either end is shorter than the end beam by less than this
+    [m]."""
     memory: float = 16.0
     """Duration of the scan history [s]."""
     interval: float = 1.0
@@ -87,7 +89,7 @@ class TrackerParams:
     min_speed: float = 0.2
     """Minimum speed of a track for confirmation as a person [m/s]."""
     hidden_travel: float = math.inf
-    """A track not proven to cross free space is confirmed only beyond this distance from its start point [m]."""
+    """A track not shown to cross free space is confirmed only beyond this distance from its start [m]; inf: never."""
     significance: float = 2.0
     """A track is confirmed only if its speed exceeds the speed's standard deviation by this factor."""
     max_std: float = 0.35
@@ -95,7 +97,8 @@ class TrackerParams:
     stood_hits: int = 1
     """A body-sized cluster counts as static if this number of stored scans show an obstacle at its position."""
     static_hits: int = 12
-    """A person-sized cluster is added to the map if this number of stored scans show an obstacle at its position."""
+    """A person-sized cluster is mapped as static if this number of stored scans show an obstacle there, and none free
+    space."""
     max_misses: int = 4
     """A track is deleted after this number of scans that show free space at its position."""
     lost_time: float = 3.0
@@ -161,7 +164,6 @@ def _votes(x, y, radius, time, scans, poses, num_scans, p):
 
 @njit(cache=True, error_model="numpy")
 def _match(tracks, num_tracks, clusters, count, moved, matches, p):
-    """Match tracks to clusters greedily, nearest pair first; return the mask of matched clusters."""
     pairs, distances, num_pairs = np.empty((MAX_CLUSTERS, 2), dtype=np.int64), np.empty(MAX_CLUSTERS), 0
     for i in range(num_tracks):
         track = tracks[i]
@@ -197,7 +199,6 @@ def _is_doubled(i, tracks, num_tracks, matches, p):
 
 @njit(cache=True, error_model="numpy")
 def _judge(track, ranges, lidar, p):
-    """Return True if a track has moved like a person, through free space."""
     if track[HITS] < p.min_hits:
         return False
     born = look_at_disc(ranges, lidar, track[BORN_X], track[BORN_Y], track[RADIUS], p.margin, p)
@@ -347,7 +348,7 @@ class PeopleTracker:
 
     @property
     def tracks(self) -> np.ndarray:
-        """View of the track array, one row per track: shape (n, TRACK_SIZE), float64, columns see `X`."""
+        """All tracks, a view of shape (n, TRACK_SIZE), float64: one row per track, column indices `X` to `ON_FREE`."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
     def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, include: int = TRACKED) -> np.ndarray:

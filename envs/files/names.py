@@ -22,7 +22,7 @@ def printable(text: object) -> str:
 def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
     """Return a message about an unknown name, with the closest match and the allowed names.
 
-    `shown`: text that replaces the name.
+    `shown`: text printed for `name`.
     """
     allowed = list(allowed)
     parts = [one for one in allowed if len(name) > 2 and name in one]

@@ -1,5 +1,3 @@
-"""Observation of a lookahead point ("carrot") on a path to the goal."""
-
 import math
 from typing import Any
 
@@ -23,17 +21,17 @@ from . import reach_kernels as own_at
 AHEAD = 0.8
 """Default lookahead distance [m]."""
 MAX_DESCENT = 6.0
-"""The farthest point in the robot's line of sight is searched up to this distance along the shortest path [m]."""
+"""Length of the shortest path, from the robot, that is searched for the farthest point in line of sight [m]."""
 CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
-"""Parameters of goal navigation without a limit of recovery behaviors or searches."""
+"""Parameters of the goal navigation that plans the path; failures practically never end it."""
 
 
 @njit(cache=True, error_model="numpy")
 def find_carrot(own, x, y, lengths, ahead):
-    """Return the lookahead point (x, y) on the shortest path to the goal, world frame [m].
+    """Return a lookahead point (x, y) for driving along the shortest path to the goal, world frame [m].
 
-    The point lies `ahead` [m] from the robot at (x, y), towards the farthest path cell that a free straight line
-    reaches. `own`: state array of the task; `lengths`: geodesic distances of cells to the goal [m].
+    The point lies `ahead` [m] from the robot at (x, y), towards the farthest path cell in line of sight. `own`: state
+    array of the task; `lengths`: geodesic distances of raster cells to the goal [m].
     """
     if own[own_at.LEFT] <= ahead:
         return own[own_at.TRUE_X], own[own_at.TRUE_Y]
@@ -83,10 +81,10 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
 
 
 class PlannedCarrot:
-    """Observation of a lookahead point on the planned path, or on the straight line to the goal.
+    """Observation of the direction to a lookahead point on the planned path.
 
-    Cosine and sine of the point's direction, robot frame; remaining path length divided by lookahead distance, at most
-    1. Call `write` after every control period.
+    Values: cosine and sine of the direction, robot frame; remaining path length divided by lookahead distance, at most
+    1. Before the first plan, the path is the straight line to the goal.
     """
 
     def __init__(self, task: Any, ahead: float) -> None:
@@ -140,5 +138,5 @@ CARROTS = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
 
 
 def make_carrot(task: Any, path: str = "plan", ahead: float = AHEAD) -> PlannedCarrot:
-    """Create the lookahead observation for a "plan" or "shortest" path; ValueError for other paths."""
+    """Create the observation of a point on the planned path ("plan") or the true shortest path ("shortest")."""
     return resolve(path, CARROTS, "path of carrot")(task, ahead)

@@ -12,7 +12,7 @@ from lidarnaut.envs.worlds import ExplorableArea
 from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
-"""Bit flags of a cell in the world's raster: explorable, known in the map, observed from the true pose."""
+"""Bit flags of a cell in the world's raster: can be explored; is known in the map; was observed from the true pose."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
 TOLERANCE = 2.0
 """A point counts as observed within this distance of a beam [raster cells]."""
@@ -74,11 +74,11 @@ def sees(scan, x, y, tolerance):
 
 @njit(cache=True, error_model="numpy")
 def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pending):
-    """Mark raster cells of the world under new map cells as known, or as explored if a scan observes them.
+    """Mark cells of the world as known if the map has new cells there, and as explored if a scan observes them.
 
-    `new_cells`: map cells (row, column), shape (k, 2), int32; `start`: pose of the map frame, world frame; `cells`:
-    bits of the raster cells, shape (height, width), uint8; `pending`: list of `num_pending` known cells (row, column)
-    not yet observed, shape (n, 2), int32. Returns the number of newly explored cells, and the new `num_pending`.
+    `new_cells`: map cells (row, column), shape (k, 2), int32; `start`: pose of the map frame, world frame; `cells`: bit
+    flags of the world's cells, shape (height, width), uint8; `pending`: list of `num_pending` known, unobserved cells
+    (row, column), shape (n, 2), int32. Returns the number of newly explored cells, and the new `num_pending`.
     """
     height, width = cells.shape
     # affine transform from map cells to raster cells
@@ -112,7 +112,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
 
 @njit(cache=True, error_model="numpy")
 def mark_seen(cells, frame, scan, pending, num_pending):
-    """Mark known cells as explored if a scan observes them, and remove them from `pending`."""
+    """Mark known cells of the world as explored if a scan observes them, and remove them from the list `pending`."""
     tolerance = TOLERANCE * frame.resolution
     count = kept = 0
     for k in range(num_pending):
@@ -129,14 +129,14 @@ def mark_seen(cells, frame, scan, pending, num_pending):
 
 
 class Coverage:
-    """Explored cells of the explorable area.
+    """Part of the explorable area that robots have explored, measured in the true world.
 
-    A cell is explored if the map contains the cell at its true position, and the scan that added the cell, or a later
-    one, observed it from the true pose.
+    A cell is explored if (1) the map contains it at its true position, and (2) a scan from the robot's true pose
+    observed it when it was mapped, or later.
     """
 
     def __init__(self, area: ExplorableArea, start: Pose2D, lidar: LidarParams) -> None:
-        """Start without explored cells; `start` is the pose of the map frame, world frame."""
+        """Start without explored cells; `start`: true pose of the map frame, world frame."""
         self.area = area
         self.start = start
         self._mount = lidar.mount

@@ -108,7 +108,7 @@ class Explore(UnknownWorldTask):
 
     @property
     def rests_between_scans(self) -> bool:  # type: ignore[override]
-        """True if the task needs no `update` in control periods without a new scan."""
+        """True if `update` may be skipped in control periods without a new scan."""
         return type(self) in (Explore, ExploreTeam) and not self.return_home
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:

@@ -1,5 +1,3 @@
-"""Base class of tasks with a goal, geodesic distance, and localizers."""
-
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -94,7 +92,6 @@ class GoalTask(WorldTask):
         """Compute and return the length of the shortest path to the current goal [m]."""
 
     def _usual_time(self, length: float) -> float:
-        """Return the usual time limit [s] for a path length [m]: four times the time at maximum speed, plus 30 s."""
         return 30.0 + 4.0 * length / self.robot.max_v
 
 
@@ -149,7 +146,7 @@ class GeodesicDistance:
     def length(self, pose: Pose2D) -> float:
         """Return the geodesic distance from a pose (world frame) to the goal [m].
 
-        Outside free space, return the last result.
+        Outside free space, return the last distance in free space.
         """
         cell = self.grid.cells(np.array(pose[:2]))
         if self.grid.contains(cell):

@@ -28,8 +28,8 @@ from .starts import UnknownWorldTask
 CELL = 0.1
 """Approximate cell size of the geodesic distance field [m]."""
 AIM_RANGE, AIM_STEP = 2.0, 0.5
-"""If only the goal's bearing is known: distance from the robot to an aim point in this direction, and minimum
-displacement of a new aim point [m]."""
+"""Distance from the robot to the aim point, and shift of the aim point that triggers an update [m]. Controllers drive
+to an aim point if only the bearing of the goal is known."""
 BENCHMARK_LIMIT = 100.0
 """Time limit in BARN benchmark worlds [s]."""
 BARN_SPEED = 2.0
@@ -163,7 +163,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         return super().reset(simulator, robots, rng, options)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal for controllers, map frame, or an aim point towards the goal if only its bearing is known."""
+        """Return the goal, map frame. If only its bearing is known, return a point in this direction instead."""
         if self.goal_given == "pose":
             return self.goal
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)

@@ -40,8 +40,8 @@ MOVED = 0.1
 def measure_goal(row, own, lengths):
     """Update distances to the goal, driven fraction of the path, and success in the task's state array `own`.
 
-    `row`: state vector of the robot; `lengths`: geodesic distances of raster cells, shape (height, width), float32 [m],
-    inf outside free space. Outside free space, the last distance stays.
+    `row`: state vector of the robot; `lengths`: geodesic distances of raster cells to the goal, shape (height, width),
+    float32 [m], inf outside free space. Outside free space, the geodesic distance is not updated.
     """
     x, y = row[at.X], row[at.Y]
     own[DISTANCE] = distance(own[TRUE_X] - x, own[TRUE_Y] - y)
@@ -86,9 +86,9 @@ def update_goal(row, own, lengths, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def update_goals(rows, owns, lengths, surroundings, active):
-    """Update the task's state array of each environment selected by the mask `active`.
+    """Update reward terms, metrics and end reasons after a control period, for several environments.
 
-    `surroundings`: segments and circles of static obstacles, by environment.
+    `active`: mask of environments; `surroundings`: static obstacles (segments, circles).
     """
     for i in range(active.shape[0]):
         if active[i]:

@@ -14,7 +14,7 @@ END = 0.1
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
-"""The point nearest to the robot is searched in this number of route points, starting at the last nearest point."""
+"""Number of route points searched for the point nearest to the robot, beginning at the last nearest point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

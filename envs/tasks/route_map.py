@@ -1,5 +1,3 @@
-"""Map of a route, made by an earlier manual drive."""
-
 import functools
 import math
 from dataclasses import dataclass
@@ -22,9 +20,9 @@ PRESET = Path(__file__).parent / "route_map.yaml"
 LOOKAHEAD = 0.6
 """Lookahead distance of pure pursuit in the mapping drive [m]."""
 UPDATE_DISTANCE = 0.2
-"""The mapping drive adds a scan to the map after this distance [m]."""
+"""Driven distance after which the mapping drive adds the next scan to the map [m]."""
 UPDATE_ANGLE = 0.15
-"""The mapping drive adds a scan to the map after this turn [rad]."""
+"""Turn after which the mapping drive adds the next scan to the map [rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

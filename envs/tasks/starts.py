@@ -23,7 +23,7 @@ from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
 START_DISTANCE = 2.0
 """Maximum start distance of teammates from the first robot [m]. Up to eight times larger in narrow spaces."""
 START_GAPS = (0.5, 0.25, 0.1, 0.01)
-"""Minimum gaps between footprints at the start [m], tried in order."""
+"""Minimum gaps between robots at the start [m]; smaller gaps are tried if space is short."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -31,7 +31,7 @@ class WorldTask(Task):
     """Base class of tasks with configurable worlds and start poses."""
 
     needs_explorable = True
-    """True if the task needs the area visible to the lidar, which is computed for each new world."""
+    """True if the task uses the explorable area (visible to the lidar), which is then computed for each new world."""
     world: Any = "turtlebot3_world"
     """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these to
     draw from."""
@@ -62,7 +62,7 @@ class WorldTask(Task):
 
     @property
     def sampler_ahead(self) -> Any:
-        """Function that draws worlds of later episodes in advance; None if this would run user code."""
+        """World sampler that may draw the next world during an episode; None if it would run user code."""
         is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
         return self._sample if is_own and has_no_effects(self._sample) else None
 
@@ -75,7 +75,7 @@ class WorldTask(Task):
         return drawn
 
     def place(self, world: World, start: Any) -> World:
-        """Return the world built from the free map area at the first robot's start, or `world` without a given pose."""
+        """Return the world of the map area that contains the first robot's given start pose, otherwise `world`."""
         wanted = self._start if start is None else read_start(start, self.num_robots)
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 
@@ -86,7 +86,6 @@ class WorldTask(Task):
             ValueError: a given pose is not collision-free.
         """
         self._world, self.area = world, explorable_area(world, self.robot, self.map_resolution)
-        """Cells of the true world that the robot can reach or see."""
         robot, area = self.robot, self.area
         wanted = self._start if start is None else read_start(start, self.num_robots)
         if wanted == "random":
@@ -108,7 +107,7 @@ class WorldTask(Task):
 
 @dataclass(kw_only=True, eq=False)
 class UnknownWorldTask(WorldTask):
-    """Base class of tasks in an unknown world, mapped by a SLAM in the frame of the first robot's start."""
+    """Base class of tasks without a given map: a SLAM maps the world, in the frame of the first robot's start."""
 
     slam: Any = DEFAULT_SLAM
     """SLAM algorithm: a name, object or function, see `lidarnaut.envs.slam.make_slam`."""

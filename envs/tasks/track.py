@@ -127,7 +127,6 @@ class Track(Task):
         self.route_world = Route.of(rectangle(self._world.spawns[0]) if self.path is None else self.path)
         self.map_pose = self.route_world.start
         self.route = self.route_world.seen_from(self.map_pose)
-        """Route to follow, map frame."""
 
     def default_observations(self) -> Sequence[str]:
         return ("scan", "route", "motion")
@@ -145,7 +144,7 @@ class Track(Task):
         return {"route": partial(RouteAhead, self)}
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the route; ValueError for another world."""
+        """Return the world of the route; ValueError if `world` is not None, as the world cannot change."""
         if world is not None:
             raise ValueError("the world of a route cannot change at a reset; make another environment")
         return self._world
@@ -160,7 +159,7 @@ class Track(Task):
         return self.starts
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return the map of the route, made at the first call; its origin is the initial pose estimate."""
+        """Return the localizer's map, made by a mapping drive at the first call, with initial pose at its origin."""
         drive = self.physics, self.slam, self.route_world.points.tobytes()
         made_with = self.map_resolution, self.control_period, self.map_seed
         route_map = make_route_map(self._world, self.robot, *drive, *made_with)

@@ -28,7 +28,8 @@ SAVED_UNKNOWN = 205
 SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
 """Grey values in images from map_saver, and pure white."""
 SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
-"""Criteria for images from map_saver: tolerance of grey values, minimum fraction of pixels with `SAVED_VALUES`."""
+"""An image is taken for a map_saver image if the fraction `SAVED_SHARE` of its pixels have `SAVED_VALUES`, with a
+tolerance of `SAVED_TOLERANCE` grey values."""
 MAX_YAW = 1e-6
 """Maximum yaw of a map that counts as not rotated [rad]."""
 IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")

@@ -15,7 +15,8 @@ from .world import World, kept_with_world
 WALL_WIDTH = 0.25
 """The border of a free map area counts as a wall if an occupied cell is at most this far away [m]."""
 ENCLOSED_SHARE, EDGE_SHARE = 0.5, 0.2
-"""Criteria for an enclosed area: minimum fraction of its border along walls, maximum fraction along the map edge."""
+"""A free map area is enclosed if at least the fraction `ENCLOSED_SHARE` of its border lies along walls, and at most
+`EDGE_SHARE` along the map edge."""
 DOOR_WIDTH = 1.2
 """Openings up to this width count as doors between rooms [m]."""
 MIN_AREA = 1.0
@@ -115,7 +116,6 @@ def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, mar
 
 
 def _largest_room(grid: OccupancyGrid, area: np.ndarray) -> np.ndarray:
-    """Return the mask of the largest room in a free area, or else the whole area. Doors separate rooms."""
     rooms, count = ndimage.label(ndimage.distance_transform_edt(area) * grid.resolution > 0.5 * DOOR_WIDTH)
     if count < 2:
         return area
@@ -132,7 +132,7 @@ def _areas(world: World) -> np.ndarray:
 
 
 def area_around(world: World, pose: Pose2D) -> World:
-    """Return the world built from the free map area that contains a pose, or `world` without such an area."""
+    """Return the world of the connected free map area that contains a pose, or `world` without such an area."""
     if world.map is None:
         return world
     labels = _areas(world)
@@ -150,7 +150,10 @@ def _other_area(world: World, label: int) -> World:
 
 @kept_with_world
 def left_out(world: World) -> OccupancyGrid:
-    """Return a grid with 100 in free map cells outside the world's area, 0 elsewhere, cropped to the known part."""
+    """Return the map's free areas that are not part of the world, as an occupancy grid.
+
+    These areas are 100, other cells 0; cropped to the known part of the map.
+    """
     assert world.map is not None
     labels, known = _areas(world), np.argwhere(world.map.data >= 0)
     (row, col), (last_row, last_col) = known.min(axis=0).tolist(), known.max(axis=0).tolist()

@@ -15,7 +15,6 @@ MAX_CELLS = 100_000_000
 CHECK_RESOLUTION = 0.05
 """Cell size for validity checks of worlds [m]."""
 _SNAP = 1e-3
-"""Offset of coordinates against rounding errors at cell borders [cells]."""
 _MIN_CLEARANCE = 0.01
 """Minimum distance of a spawn or goal from walls and bodies [m]."""
 

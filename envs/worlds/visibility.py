@@ -44,7 +44,7 @@ def visible_from(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _comes_near(free, goals, straight, diagonal, reach):
-    """Return the mask of cells at most `reach` free steps, straight or diagonal, from a cell of the mask `goals`."""
+    """Return the mask of cells with a path to a goal cell of at most `reach` steps through free cells."""
     height, width = free.shape
     far = np.uint16(2**16 - 2)
     near = np.empty((height, width), dtype=np.bool_)
@@ -108,7 +108,7 @@ def _pack(mask):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _look(plain, ends, wanted, lengths, lines, first, last, visible):
-    """Set `visible` in rows `first` to `last` for cells of the mask `wanted` that see a cell of the mask `ends`."""
+    """Set `visible` for cells of the mask `wanted` with a line of sight to a goal cell, in rows `first` to `last`."""
     height, width = visible.shape
     left, alive = np.empty(_WIDTH, dtype=np.uint8), np.empty(_WIDTH, dtype=np.uint8)
     for top in range(first, last, _HEIGHT):

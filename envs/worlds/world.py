@@ -18,7 +18,6 @@ class FixedRoute:
     """Person walking on a closed polyline at constant speed, waiting if a robot is in the way."""
 
     radius: float
-    """Radius of the person [m]."""
     waypoints: np.ndarray
     """Corners of the closed polyline, starting position first: shape (k, 2), float64 [m]."""
     speed: float

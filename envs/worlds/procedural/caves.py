@@ -154,8 +154,8 @@ def _is_straight(points, loop, i, j, n, tolerance):
 def contour(field: np.ndarray, level: float, tolerance: float) -> np.ndarray:
     """Return the closed contour lines of a 2D array as segments (column, row, column, row): shape (n, 4) [grid steps].
 
-    `field`: shape (height, width), with border values on one side of `level`; `tolerance`: of simplification [grid
-    steps].
+    `field`: shape (height, width), border values all above or all below `level`; `tolerance`: maximum error of
+    simplified lines [grid steps].
     """
     links = np.full((2 * field.size, 2), -1, dtype=np.int64)
     points = np.zeros((2 * field.size, 2))

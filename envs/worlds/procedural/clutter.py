@@ -18,7 +18,7 @@ _RUN_IN_ROWS = 33
 _GOAL_DISTANCE = 3.4
 """Distance of the goal beyond the field of cylinders [m]."""
 _CLEARANCE_RADIUS = 0.36
-"""Radius of a disc that can cross every field [m]: Jackal radius 0.333 m plus raster error."""
+"""Radius of a disc that can cross every generated field of cylinders [m]: Jackal radius 0.333 m plus raster error."""
 _FILL = 0.15, 0.28
 """Initial fraction of filled cells at difficulty 0 and at difficulty 1."""
 _SMOOTHINGS = 2, 5

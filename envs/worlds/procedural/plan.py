@@ -98,7 +98,7 @@ class FloorPlan:
         return start
 
     def settle(self) -> None:
-        """Compute the free space for the robot from the completed walls."""
+        """Compute the cells that the robot's centre can occupy, after all walls and doors are set."""
         self.blocked = ndimage.maximum_filter(self.solid, 2 * ROBOT_HALF_SIDE + 1, mode="constant", cval=True)
 
     def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0) -> bool:
@@ -174,7 +174,7 @@ def world_within(
     circles: np.ndarray,
     notes: str = "",
 ) -> World:
-    """Return a world with an outer wall of the given size [m] and a random start heading."""
+    """Return a world of given segments and circles inside a rectangular outer wall, with a random start heading."""
     x, y = map(float, spawn)
     width, height = map(float, size)
     outer_walls = edges(box(0.5 * width, 0.5 * height, width, height))
@@ -198,7 +198,10 @@ def with_goals(world: World, trips: Sequence[tuple[Point, Point]]) -> World:
 
 
 def turn(rect: Any, room: Rect, side: int, along: int) -> Any:
-    """Transform a rectangle from a frame at wall `side` of a room, x along the wall, to the frame of the plan."""
+    """Transform a rectangle from wall coordinates to floor plan coordinates [grid cells].
+
+    Wall coordinates: x along wall `side` of a room from position `along`, y into the room.
+    """
     a, b, c, d = rect
     x0, y0, x1, y1 = room
     return (
