@@ -27,9 +27,8 @@ from .resampling import resample
 from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 
 _MIN_HITS = 5
-"""Scans with fewer beam end points do not count in `fit` (match with the map)."""
 _WIDE_FACTOR = 4.0
-"""Particle spread, as a multiple of `lost_spread`, that starts a search for alternative poses."""
+"""A search for alternative poses starts at this particle position spread, as a multiple of `lost_spread`."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
 """Covariance of x, y, heading [m2, m2, rad2] of particles that restart at an alternative pose."""
 
@@ -66,8 +65,8 @@ class Amcl:
         self._bins = np.empty(params.most_particles, dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
         self.belief: Belief
-        """Map, and mean and covariance of the heaviest particle cluster. `is_lost` is True before convergence, while
-        other poses may explain the scans, or if the scans do not fit the map."""
+        """Map, and estimated pose: mean and covariance of the heaviest particle cluster. `is_lost` is True before
+        convergence, while other poses may explain the scans, or if the scans do not fit the map."""
         self.cluster_weight: float
         """Weight of the heaviest particle cluster, from 0 to 1."""
         self.fit: float

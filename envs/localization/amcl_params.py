@@ -82,12 +82,12 @@ class AmclParams:
     lost_fit: Share = 0.5
     """Minimum share of beam end points of recent scans that fit the map. Below this share, the robot is lost."""
     lost_updates: Count = 5
-    """Number of recent scans tested by `lost_fit`, and minimum number of scans that confirm a global localization."""
+    """Number of recent scans compared with `lost_fit`, and minimum number that confirms a global localization."""
     lost_spread: Positive = 0.5
     """Maximum position spread (RMS) of the heaviest particle cluster [m]. Above this spread, the robot is lost."""
     relocalize: bool = False
-    """Whether to restart global localization if recent scans do not fit the map; automatic if no particle is in free
-    space."""
+    """Whether to restart global localization if recent scans do not fit the map. If no particle is in free space, it
+    always restarts."""
 
     def __post_init__(self) -> None:
         for name in ("max_particles", "global_particles"):

@@ -59,7 +59,7 @@ def find_bins(particles, raster, bins):
 
 
 def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -> tuple[float, np.ndarray]:
-    """Return the weight sum, and the weights (0 outside), of the heaviest cluster of particles in connected bins."""
+    """Find the heaviest cluster of particles in connected bins; return its weight, and all weights (0 outside)."""
     rows, cols, angles = np.unravel_index(bins, raster.shape)
     rows, cols = rows - rows.min(), cols - cols.min()
     occupied = np.zeros((rows.max() + 1, cols.max() + 1, raster.shape[2] + 1), dtype=bool)
@@ -82,9 +82,9 @@ def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def mean_and_covariance(particles, weights, total, covariance):
-    """Return the weighted mean x [m], y [m] and (circular) heading [rad] of particles with weight sum `total`.
+    """Return the weighted mean of particles: x [m], y [m] and (circular) heading [rad].
 
-    The covariance of x, y and heading [m, m, rad] is written to `covariance`, shape (3, 3).
+    Their covariance, shape (3, 3), is written to `covariance`. `total`: sum of `weights`.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     # Relative to the first particle, for precision.

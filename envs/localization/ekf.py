@@ -28,8 +28,8 @@ MAX_STEPS = 5000
 """Maximum number of integration steps per prediction."""
 
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
-"""Minimum number of refused time stamps that proves a jump of the sensor clock, and factor on the waiting time
-(`patience`) if only one of several sensors jumps."""
+"""Minimum number of refused time stamps before a clock jump is accepted; factor on the waiting time (`patience`) if
+only one of several sensors jumps."""
 
 Kind = Literal["map", "encoder", "compass"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -38,7 +38,7 @@ MEASURED: dict[str, np.ndarray] = {
     "encoder": np.array([V, W]),
     "compass": np.array([THETA, W]),
 }
-"""State indices measured by each sensor: rows of the measurement matrix H in equations (5), (7) and (9)."""
+"""Indices of the state components that each sensor measures: nonzero columns of its measurement matrix H."""
 Verdict = Literal["accepted", "recovered", "gated", "too_old", "too_new", "unusable"]
 """Outcome of a measurement: applied (`accepted`, or `recovered` after divergence), outlier (`gated`), wrong time stamp
 (`too_old`, `too_new`) or not finite (`unusable`)."""
@@ -55,7 +55,7 @@ class Measurement:
     values: np.ndarray
     """Measured values in the order given at `kind`, shape (k,), float64 [m, rad, m/s, rad/s]."""
     covariance: np.ndarray
-    """Noise covariance, shape (k, k), float64; symmetric and positive definite."""
+    """Covariance of the measurement noise, shape (k, k), float64; positive definite."""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:

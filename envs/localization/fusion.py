@@ -89,9 +89,9 @@ class FusedPose:
         self.localizer = localizer
         self.ekf = make_filter(robot)
         self.measurements: list[Measurement] = []
-        """Measurements received at the last `update`, including unused sensors."""
+        """Measurements received at the last `update`, including those that the filter does not use."""
         self.localized: Estimate
-        """AMCL pose at the last `update`, with speed and yaw rate by encoders."""
+        """Unfiltered estimate at the last `update`: pose by AMCL, speed and yaw rate by encoders."""
         self.estimate: Estimate
         self.belief: Belief
         self.north = math.nan

@@ -63,7 +63,7 @@ class Field(NamedTuple):
     """Likelihoods scaled to 0 to 65535, uint16, or distances to the nearest obstacle, float32 [cells]: shape (height,
     width)."""
     border: int
-    """Width of the margin around the map, which contains all beam end points [cells]; 0 for distances."""
+    """Width of the margin around the map for beams that end outside [cells]; 0 for a grid of distances."""
     origin: tuple[float, float]
     """Minimum x and y of the grid, relative to the map's corner [m]."""
     resolution: float
@@ -110,7 +110,8 @@ def sum_fields(field, points, num_points, particles, sums):
 def multiply_by_sum(weights, sums, unit):
     """Multiply particle weights by 1 + the sum of cubed beam likelihoods, as in ROS; return the weighted mean factor.
 
-    `weights`: shape (n,). `unit * sums`: sum of cubed likelihoods per particle.
+    `weights`: shape (n,). `sums`: sum of likelihood field values over beams, per particle. `unit`: cubed likelihood per
+    unit of `sums`.
     """
     mean = 0.0
     for i in range(weights.shape[0]):
@@ -124,8 +125,8 @@ def multiply_by_sum(weights, sums, unit):
 def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
     """Multiply particle weights, shape (n,), by scan likelihoods, up to a constant factor.
 
-    `sums`: log-likelihood field values summed over a scan. Returns the mean over particles of the geometric mean over
-    beams.
+    `sums`: sum of log-likelihood field values over beams, per particle. Returns the weighted mean of the geometric mean
+    likelihood per beam, or 0 without `needs_mean`.
     """
     best = sums.max()
     mean = 0.0
@@ -190,9 +191,9 @@ class LikelihoodField:
         self._near = int(entry(min(params.lost_distance, params.max_distance)))
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
-        """Return a function that weights particles by a scan, shape (num_beams,), float32 [m]; None if no beam returns.
+        """Return a function that multiplies particle weights by the likelihood of a scan; None if no beam returns.
 
-        The function multiplies weights, shape (n,), of particles, shape (3, n), and returns the mean likelihood.
+        The function takes particles, shape (3, n), and weights, shape (n,), and returns the mean likelihood.
         """
         points, count = self.beams.hits(ranges)
         if count == 0:

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Increment, modulo 1, of the numbers that select particles by cumulative weight (golden-ratio sequence)."""
+"""Step of the golden-ratio sequence, which replaces random numbers in resampling."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -24,9 +24,9 @@ def particles_needed(num_bins, error, quantile):
 
 @njit(cache=True, error_model="numpy")
 def cumulate(weights, cumulated, guide):
-    """Compute cumulative weights, shape (n,), and a lookup table, shape (n,), int32, for drawing particles by weight.
+    """Compute cumulative particle weights, shape (n,), and a lookup table for drawing particles by weight.
 
-    Entry k of `guide` is the first particle for random numbers of at least k / n.
+    `guide`: lookup table, shape (n,), int32; entry k is the particle that number k / n draws.
     """
     n = weights.shape[0]
     total = 0.0
@@ -43,10 +43,10 @@ def cumulate(weights, cumulated, guide):
 
 @njit(cache=True, error_model="numpy")
 def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
-    """Resample particles by weight, as many as KLD-sampling needs; return their number.
+    """Resample particles by weight; return the number drawn, which KLD-sampling determines.
 
     `particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: normalized, shape (n,). `bins`: histogram
-    bin of each particle, shape (n,), int32. `start`: first draw, from 0 to 1. `kld`: `min_particles`, `kld_err`,
+    bin of each particle, shape (n,), int32. `start`: random number from 0 to 1. `kld`: `min_particles`, `kld_err`,
     `kld_z` of `AmclParams`. `injected`: random particles, shape (3, f). `share`: their share of `drawn`, the output.
     `seen`: scratch, shape (num_bins,), all False.
     """

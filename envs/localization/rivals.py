@@ -12,7 +12,7 @@ from lidarnaut.envs.geometry import Pose2D
 from .likelihood_field import MAX_ENTRY, LikelihoodField, sum_fields
 
 TOLERANCE = 0.03
-"""Maximum deficit of an alternative pose's score (at most 1) relative to the estimated pose's score."""
+"""An alternative pose is kept if its score (at most 1) is at most this far below the estimated pose's."""
 MIN_SEPARATION, MIN_SEPARATION_ANGLE = 0.5, math.radians(20.0)
 """Poses within this distance [m] and heading difference [rad] count as one pose."""
 MAX_RIVALS = 20
@@ -29,13 +29,12 @@ NUM_SEARCHES = 3
 MAX_PER_BIN = 4
 """Maximum number of poses that a search keeps per cell of 0.5 m and 20 degrees, for diversity."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
-"""Stages of a search for alternative poses: number of beam end points that score a pose, number of kept poses, sizes of
-successive random steps [m]."""
+"""Stages of a coarse-to-fine search for alternative poses. Per stage: number of beam end points that score a pose,
+number of best poses kept, standard deviations of successive random steps [m]."""
 NUM_COPIES, TRACKING_STEPS = 16, (0.03, 0.02, 0.01)
-"""Refinement of known poses: number of random copies per pose, standard deviations of their successive random steps
-[m]."""
+"""Refinement of the estimated and alternative poses: number of random copies of each, standard deviations of their
+successive random steps [m]."""
 STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
-"""Standard deviations of a random step in x, y, heading, per step size [m/m, m/m, rad/m]."""
 
 NO_RIVALS = np.empty((0, 4))
 """Empty table of alternative poses: x, y, heading [m, m, rad] and weight."""
@@ -69,7 +68,7 @@ def count_crossed(field, hits, lidars, margin, pose):
 
 
 def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Return a mask, shape (n,), of `poses` (x, y, heading), shape (3, n), beyond `MIN_SEPARATION` from `pose`."""
+    """Return a mask of `poses`, shape (3, n), that lie beyond `MIN_SEPARATION` or its angle from `pose`."""
     x, y, turn = poses - pose
     return (np.hypot(x, y) > MIN_SEPARATION) | (np.cos(turn) < math.cos(MIN_SEPARATION_ANGLE))
 
@@ -104,7 +103,7 @@ class Rivals:
         corner [m, m, rad]."""
         self.num_empty = 0
         self.leads = np.empty(0)
-        """Score of each of `poses` minus the estimated pose's score, shape (k,), at least -`TOLERANCE`."""
+        """Score of each pose in `poses` minus the estimated pose's; positive if recent scans fit better."""
 
     def add(self, ranges: np.ndarray, motion: Pose2D) -> None:
         back, geometry = motion.inverse(), self._beams.geometry
@@ -115,7 +114,7 @@ class Rivals:
         self.poses = _move(self.poses, motion)
 
     def table(self, origin: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Return alternative poses after odometry `motion`: x, y, heading, map frame [m, m, rad], and weight."""
+        """Return alternative poses after odometry `motion`: x, y, heading, map frame [m, m, rad], relative weight."""
         if len(self.poses) <= 1:
             return NO_RIVALS
         return np.column_stack([_move(self.poses + origin, motion), np.exp(self.leads / TOLERANCE)])[1:]

@@ -42,7 +42,7 @@ rosbag2.reader.zstd = SimpleNamespace(open=rosbag2.reader.zstd.open, decompress=
 
 
 class _Folder(type(Path())):  # type: ignore[misc]
-    """Folder path that hides the suffix `.bag`, as `rosbags` reads such folders as ROS 1."""
+    """Folder path without suffix `.bag`, which `rosbags` would take for a ROS 1 bag."""
 
     @property
     def suffix(self) -> str:
@@ -55,7 +55,7 @@ class BagError(ValueError):
 
 
 class BagReader:
-    """Open ROS bag with access to messages by topic."""
+    """Reader of a ROS bag's messages by topic."""
 
     def __init__(self, path: Path, reader: AnyReader) -> None:
         self.path = path
@@ -69,7 +69,7 @@ class BagReader:
         return sorted(topic for topic, kind in self.types.items() if kind in kinds and self._counts[topic])
 
     def choose(self, kinds: Sequence[str], wanted: str | None, option: str) -> str:
-        """Return the `wanted` topic's name, or else the only topic with a message type in `kinds`."""
+        """Return the name of the `wanted` topic; if None, of the only topic with a message type in `kinds`."""
         found = self.topics(kinds)
         allowed = found if wanted is None else [topic for topic in (wanted, f"/{wanted}") if topic in found]
         if not allowed:

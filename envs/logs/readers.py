@@ -17,7 +17,7 @@ from .scans import FULL_TURN, LogContent, Scan
 _DIMENSIONS = {"t": 1, "odo": 2, "idx": 1, "ranges": 2, "ang0": 0, "dang": 0, "maxr": 0}
 _OPTIONAL = {"mount_x": 0, "off": 0}
 SICK_MAX_RANGE = 80.0
-"""Maximum range of SICK lasers [m], which CARMEN's FLASER lines lack."""
+"""Maximum range of SICK lasers [m], assumed for CARMEN's FLASER lines."""
 SICK_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 400: 0.25, 401: 0.25}
 """Angle increment by number of beams of a FLASER line, as in CARMEN [deg]."""
 FINEST_STEP = 0.25

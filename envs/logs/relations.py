@@ -65,9 +65,9 @@ def load_relations(path: str | Path) -> np.ndarray:
 
 
 def load_labelled(path: Path) -> dict[str, np.ndarray]:
-    """Read reference relative poses: all (key `relation error`), and a subset (key `unambiguous`) if its mask exists.
+    """Read sets of reference relative poses by name: all (`relation error`), and an optional subset (`unambiguous`).
 
-    The mask is `unambiguous_relations.npy` in the same folder.
+    The file `unambiguous_relations.npy` in the same folder, a boolean mask, selects the subset.
 
     Raises:
         ValueError: a file is damaged.

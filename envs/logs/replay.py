@@ -29,9 +29,8 @@ from .relations import load_labelled
 from .runs import Run, measure, replay, save_replay
 
 TRUTH = "truth"
-"""Name of the SLAM that requires true poses, and cannot run on logs."""
 SPARSE = 0.5
-"""The preset `sparse` is suggested from this median distance between scans on [m]."""
+"""Median distance between scans above which the preset `sparse` is suggested [m]."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class Options:
     seeds: int = 1
     """Number of runs with different random seeds."""
     first_seed: int = 0
-    """Random seed of the first run, then counted up."""
+    """Random seed of the first run; later runs add 1."""
     max_range: float | None = None
     """Readings of at least this range count as no return [m]; default: the log's limit."""
     min_range: float | None = None
@@ -76,8 +75,8 @@ class Options:
     laser_frame: str | None = None
     """Lidar frame in a bag, if ambiguous or named differently in transforms."""
     robot: str | None = None
-    """Robot name or YAML file. Odometry faster than 1.5 times the robot's maximum speeds is interpolated or reported.
-    Default: 5 m/s and 10 rad/s."""
+    """Robot name or YAML file that sets odometry speed limits: 1.5 times the robot's maximum speeds. Faster motions are
+    interpolated or reported. Default: 5 m/s and 10 rad/s."""
 
 
 def main(options: Options) -> list[Run]:

@@ -59,10 +59,10 @@ class Run:
 
 
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
-    """Run a SLAM on a log, after a reset with `seed`.
+    """Run a SLAM on a log; return poses and computation times.
 
-    Final poses come from `Belief.path`, set at map corrections or by an optional method `finish()`: one pose per scan.
-    If the SLAM corrects selected scans only, the attribute `anchor` is a path index and the current pose relative to
+    Final poses come from `Belief.path` (one pose per scan), set at map corrections or by an optional method `finish()`.
+    If the SLAM corrects selected poses only, its attribute `anchor` is a path index and the current pose relative to
     that path pose.
 
     Raises:
@@ -94,7 +94,7 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
 def measure(
     log: Log, slam: Estimator, name: str, seed: int, replayed: Replayed, relations: dict[str, np.ndarray]
 ) -> Run:
-    """Return errors and computation times of a SLAM run; `relations`: sets of reference relative poses.
+    """Return errors and computation times of a SLAM run; `relations`: named sets of reference relative poses.
 
     ValueError if a set has no relative pose within the log.
     """

@@ -15,7 +15,7 @@ MAX_SPEEDS = (5.0, 10.0)
 CLOCK_JITTER = 0.02
 """Error of odometry time stamps that is tolerated when speeds are checked [s]."""
 BURST = 5
-"""Number of odometry poses on either side that are averaged to a sampling period, as poses may arrive in bursts."""
+"""The odometry period is averaged over this number of poses before and after, as poses arrive in bursts."""
 MAX_IMPOSSIBLE = 0.05
 """Maximum share of impossible odometry motions. Above this share, no motion is interpolated."""
 MAX_GLITCH = 2.0
@@ -23,9 +23,10 @@ MAX_GLITCH = 2.0
 
 
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
-    """Return a pose at each odometry time: the last of `scan_poses`, continued by odometry, shape (n, 3) [m, m, rad].
+    """Extend scan poses by odometry; return a pose at each odometry time, shape (n, 3) [m, m, rad].
 
     `odometry`: odometry poses, shape (n, 3). `scan_rows`: index of each scan's odometry pose, shape (m,), ascending.
+    `scan_poses`: shape (m, 3).
     """
     scan = np.maximum(np.searchsorted(scan_rows, np.arange(len(odometry)), side="right") - 1, 0)
     return compose_poses(scan_poses[scan], between_poses(odometry[scan_rows[scan]], odometry))
@@ -67,11 +68,11 @@ def rms(values: np.ndarray) -> float:
 def bridge_glitches(
     times: np.ndarray, poses: np.ndarray, max_speeds: tuple[float, float] = MAX_SPEEDS
 ) -> tuple[np.ndarray, list[str]]:
-    """Interpolate odometry across glitches; return corrected poses, and one message per kind of fault.
+    """Interpolate odometry across glitches (short jumps that return); return corrected poses, and warnings.
 
-    A glitch starts and ends with impossible motions, lasts at most `MAX_GLITCH` or three periods, and returns close to
-    its start. `times`: shape (n,), ascending except for jitter [s]. `poses`: odometry, shape (n, 3) [m, m, rad].
-    `max_speeds`: forward speed [m/s] and yaw rate [rad/s].
+    A glitch starts and ends with motions above `max_speeds` (forward [m/s], yaw rate [rad/s]), lasts at most
+    `MAX_GLITCH` or three periods, and returns close to its start. `times`: shape (n,), ascending except for jitter [s].
+    `poses`: odometry, shape (n, 3) [m, m, rad].
     """
     count, rows = len(times), np.arange(len(times) - 1)
     if count < 3 or not np.isfinite(times).all() or np.ptp(times) == 0.0:

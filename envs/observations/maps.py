@@ -18,7 +18,10 @@ MAX_SIZE = 4096
 
 @njit(cache=True, error_model="numpy")
 def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
-    """Write the map around each robot to `out`, shape (n, 3, size, size), uint8; `active`: robots to write (mask)."""
+    """Write the observation `MapCrop` of n robots to `out`, shape (n, 3, size, size), uint8.
+
+    `active`: robots to write (mask).
+    """
     for k in range(active.shape[0]):
         if active[k]:
             x, y = (rows[k, at.POSE] - origins[k, 0]) / side, (rows[k, at.POSE + 1] - origins[k, 1]) / side

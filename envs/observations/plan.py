@@ -47,8 +47,8 @@ class Plan:
     """Observation of planned paths to the best frontiers: `Box(-1, 1, (9 * num_candidates,), float32)`.
 
     Features of each frontier, best first by `gain_over_cost`: cosine and sine of the directions, robot frame, to points
-    0.3 m, 0.6 m and 1.5 m ahead on the path; path cost as x / (x + 5 m); visible unknown area as x / (x + 10 m2); and
-    1. Missing frontiers are all 0.
+    0.3 m, 0.6 m and 1.5 m ahead on the path; path cost as x / (x + 5 m); visible unknown area as x / (x + 10 m2); and a
+    presence flag, 1. Missing frontiers are all 0.
 
     Frontiers are detected every `detection_time` seconds, and when the best frontier is reached. Frontiers that remain
     after a visit or are unreachable are excluded. Call `write` after every control period.

@@ -20,7 +20,7 @@ GOAL_RANGE = 32.0
 NEAR_RANGE = 10.0
 """Distance to the goal that the observation `NearGoal` normalizes to 1 [m]."""
 GOAL_MEMORY = "goal"
-"""Key of a state array with one row per robot, beginning with the goal (x, y), map frame [m]."""
+"""Key of the array of task states, one row per robot, that begins with the goal's x, y, map frame [m]."""
 PEERS_RANGE = 16.0
 """Teammate offset per axis that is normalized to 1 [m]: half the side of the map crop `map_far`."""
 PEOPLE_RANGES = np.array([8.0, 8.0, 2.5, 2.5, 1.0])
@@ -51,7 +51,10 @@ class Goal:
 
 @njit(cache=True, error_model="numpy")
 def write_goals(rows, goals, tells_distance, active, out):
-    """Write the observation `NearGoal` to `out`, shape (n, 4), or (n, 2) without distance; `active`: written robots."""
+    """Write the observation `NearGoal` of n robots to `out`, shape (n, 4), or (n, 2) without distance.
+
+    `active`: robots to write (mask).
+    """
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]
@@ -119,9 +122,9 @@ class PoseUncertainty:
 
 
 class Peers:
-    """Observation of teammates: `Box(-1, 1, (4 * num_peers,), float32)`.
+    """Observation of teammates relative to the robot: `Box(-1, 1, (4 * num_peers,), float32)`.
 
-    Offsets forward and left / 16 m, cosine and sine of the relative heading.
+    Per teammate: offsets forward and left / 16 m, cosine and sine of the relative heading.
     """
 
     def __init__(self, num_peers: int) -> None:

@@ -12,7 +12,7 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 TIME_RANGE = 600.0
-"""Time since the reset that is normalized to 1 [s]; normalizing by the time limit would leak the size of the world."""
+"""Time since the reset that is normalized to 1 [s]; fixed, as time limits would reveal the size of the world."""
 SPEED_RANGE = 2.0
 """Robot's maximum forward speed that the observation `Limits` normalizes to 1 [m/s]."""
 

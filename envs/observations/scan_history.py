@@ -23,9 +23,7 @@ MAX_LAG = 1000
 SURFACE_STEP = 0.5
 """Maximum range difference between neighbouring sectors (groups of beams) on one surface [m]."""
 MAX_FILL_SECTORS = 8
-"""Maximum gap between neighbouring points of a past scan that is filled by interpolation [sectors]."""
 MOTION = 3
-"""Number of values stored before each scan: motion x, y, heading since the previous scan."""
 
 
 class Sectors(NamedTuple):
@@ -84,10 +82,10 @@ def _angle(x, y):
 
 @njit(cache=True, error_model="numpy")
 def shift_sectors(ranges, motion, sectors, seen, polar):
-    """Transform sector ranges of a past scan to the current base pose; write the minimum per sector to `seen` [m].
+    """Transform a past scan to the current base pose; write the minimum range per sector to `seen` [m].
 
-    Ranges are interpolated between neighbouring sectors (groups of beams) on one surface. A range without return
-    becomes 1e6 m. `motion`: base motion since the scan. `seen`: initially inf. `polar`: scratch.
+    `ranges`: past range per sector (group of beams), interpolated between neighbours on one surface; inf becomes 1e6 m.
+    `motion`: base motion since the scan. `seen`: initially inf. `polar`: scratch.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
     x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
@@ -119,10 +117,10 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
 
 @njit(cache=True, error_model="numpy")
 def write_history(rows, ranges, memory, active, out, lags, sectors, compensates):
-    """Store each robot's scan, and write recent scans to `out`, shape (n, len(lags) * sectors), float32.
+    """Store each robot's scan, and write its recent scans to `out`, shape (n, len(lags) * num_sectors), float32.
 
-    `memory`: ring buffers of scans (motion x, y, heading, then sector ranges). `lags`: ages, increasing [control
-    periods]. `active`: robots to write (mask).
+    `memory`: ring buffer per robot: for each control period, odometry motion x, y, heading, then ranges per sector.
+    `lags`: ages of the scans, increasing [control periods]. `active`: robots to write (mask).
     """
     count = sectors.directions.shape[1]
     seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)

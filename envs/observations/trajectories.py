@@ -34,30 +34,28 @@ NUMBERS, END, TURN = 8, slice(4, 6), 6
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
 """Duration of a velocity command, time step of the collision check, and prediction horizon [s]."""
 LINE_TIME = 1.0
-"""Duration of straight driving, after a velocity command, that is checked for nearness to walls [s]; the position is
-observed halfway."""
+"""Duration of straight driving, after a velocity command, that counts for nearness to walls [s]."""
 NEAR_WALL, NEAR_PERSON, DECAY_TIME = 0.4, 0.8, 1.5
-"""Maximum gaps to walls and people with a nearness above 0 [m]; decay time of nearness to people [s]."""
+"""Nearness to walls and people is 0 from these gaps on [m]; nearness to people decays with this time constant [s]."""
 SMALL_GAP = 0.1
-"""Gaps to walls of at least this size are observed as 1 [m]."""
+"""Gap to walls that is normalized to 1 [m]; larger gaps are clipped."""
 MAX_POINTS, MAX_RANGE = 120, 6.0
 """Maximum number and maximum range [m] of lidar end points that count as walls."""
 PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
 """Scan points this near to a walking person's edge [m] are not walls; minimum walking speed [m/s]."""
 WALL_MARGIN = 0.02
-"""Clearance to walls that counts as contact [m], reduced if the robot is already nearer."""
+"""Predicted clearance to walls below which the robot counts as in contact [m]; smaller if the current clearance is."""
 REAR_ANGLE = 0.35
 """The lidar sees the rear if a beam is within this angle of the backward direction [rad]."""
 STATE, STEPS = 9, 8
-"""Length of the people tracker's state vector, and its index for the last tracked control period."""
 
 
 @njit(cache=True, error_model="numpy")
 def find_walls(ranges, frame, people, points):
     """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m]; return the number of points.
 
-    A wall point is the nearest end point of a group of beams, unless on a walking person. `frame`: lidar x, y, and beam
-    directions, shape (2, n), base frame. `people`: x, y, vx, vy, radius, shape (m, 5), base frame [m, m/s].
+    A wall point is the nearest end point of a group of beams, unless on a walking person. `frame`: lidar x, y, and unit
+    vectors of beams, shape (2, n), base frame. `people`: x, y, vx, vy, radius, shape (m, 5), base frame [m, m/s].
     """
     mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
@@ -83,7 +81,7 @@ def find_walls(ranges, frame, people, points):
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})  # infinity is used
 def predict_outcomes(now, limits, points, people, twists, out):
-    """Predict contacts, gaps and end position for each velocity command; write them to `out`, shape (n, 8), float32.
+    """Predict motions by velocity commands; write the features of `Trajectories` to `out`, shape (n, 8), float32.
 
     `now`: forward speed and yaw rate [m/s, rad/s]. `limits`: maximum speeds, accelerations, footprint radius, and
     whether the lidar sees the rear. `points`: walls, shape (2, k), base frame [m]. `people`: x, y, vx, vy, radius,
@@ -157,9 +155,9 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
 @njit(cache=True, error_model="numpy")
 def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twists, out):
-    """Track people once per control period, and write features of 66 velocity commands to `out`, float32.
+    """Track people in scans, and write the observation `Trajectories` to `out`, shape (n, 66, 8), float32.
 
-    `out`: shape (n, 66, 8). `memory`: per robot, the people tracker's state, tracks, past scans and lidar poses.
+    `memory`: per robot, the people tracker's state, tracks, past scans and lidar poses.
     """
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
     clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))

@@ -18,7 +18,7 @@ from lidarnaut.envs.simulation.crowd.person_row import KIND
 from .recording import BODY_KINDS, CANDIDATE_COLUMNS, FREE, NO_RETURN, OCCUPIED, RANGE_STEPS, Recording, ends_of
 
 PERIOD = 0.5
-"""Sampling period [s]."""
+"""Time between recorded samples of an episode [s]."""
 MAX_BEAMS = 90
 PLAN_TOLERANCE = 0.03
 """Maximum deviation of a recorded path, simplified to corners, from the planned path [m]."""
@@ -33,8 +33,8 @@ class EpisodeRecorder:
     def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None) -> None:
         """Prepare to record an environment, beginning with its next `reset`.
 
-        Frontier candidates are recorded if the explorer's `navigator` is a `FrontierNavigator`, with the explorer's
-        `scores`.
+        `explorer`: agent that chooses frontiers. Its frontier candidates and `scores` are recorded if it has a
+        `FrontierNavigator` as `navigator`.
 
         Raises:
             TypeError: not an environment of this package.
@@ -169,7 +169,7 @@ class EpisodeRecorder:
 
 
 class MapHistory:
-    """History of a map: cells that changed from each recorded sample to the next."""
+    """History of a map: the cells that changed between successive samples."""
 
     def __init__(self, grid: OccupancyGrid) -> None:
         self._resolution, self._first = grid.resolution, grid.origin

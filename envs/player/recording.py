@@ -17,7 +17,6 @@ UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 RANGE_STEPS = 254
 """Integer that stands for the lidar's maximum range in recorded scans."""
 NO_RETURN, NO_MEASUREMENT = 255, 0
-"""Values in recorded scans for beams without return, and for lost beams."""
 BODY_KINDS = ("attentive", "blind", "standing", "fixed_route")
 """Names of the kinds of people, by kind number in the crowd simulation."""
 CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
@@ -29,13 +28,13 @@ _FACTS = ("explorer", "world", "robot", "radius", "lidar", "progress", "start", 
 
 
 def ends_of(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the end index of each of n arrays in their concatenation, shape (n,)."""
+    """Return the end (exclusive index) of each of n arrays in their concatenation, shape (n,)."""
     return np.cumsum([0, *map(len, parts)])[1:]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """Recorded episode: n samples of one robot, and m frontier decisions. Annotations give dtypes and shapes."""
+    """Recorded episode of one robot: n samples, m choices of a frontier. Annotations give dtypes and shapes."""
 
     about: dict[str, Any]
     """Metadata as JSON: `explorer`, `world`, `robot`, `seed`, `end_reason`; `progress`, name of the progress measure;
@@ -58,25 +57,25 @@ class Recording:
     contacts: Annotated[np.ndarray, np.int32, "n"]
     """Number of collisions since the reset."""
     scans: Annotated[np.ndarray, np.uint8, "n", "beams"]
-    """Ranges of some beams, quantized in steps of `range_max / RANGE_STEPS` [m]."""
+    """Ranges of evenly spaced beams as integers: 1 to 254 in units of `range_max / 254`, 255 no return, 0 lost beam."""
     map_cells: Annotated[np.ndarray, np.int32, "changes"]
-    """Flat indices of the map cells that changed since the previous sample, for all samples."""
+    """Row-major indices of map cells that changed since the previous sample, concatenated over samples."""
     map_changes: Annotated[np.ndarray, np.uint8, "changes"]
-    """Bitwise exclusive or of each changed cell's values (0 unknown, 1 free, 2 occupied) before and after."""
+    """Changes of the cells in `map_cells`: bitwise XOR of old and new value (0 unknown, 1 free, 2 occupied)."""
     map_ends: Annotated[np.ndarray, np.int32, "n"]
-    """Index in `map_cells` where each sample's changes end."""
+    """Number of entries of `map_cells` up to the end of each sample's changes."""
     plans: Annotated[np.ndarray, np.float32, "corners", 2]
-    """Corners of all planned paths, map frame [m]."""
+    """Corners (x, y) of the planned paths of all samples, concatenated, map frame [m]."""
     plan_ends: Annotated[np.ndarray, np.int32, "n"]
-    """Index in `plans` where each sample's planned path ends."""
+    """Number of rows of `plans` up to the end of each sample's path."""
     decision_times: Annotated[np.ndarray, np.float32, "m"]
     """Time of each frontier decision [s]."""
     decision_chosen: Annotated[np.ndarray, np.int32, "m"]
     """Index of the chosen candidate frontier per decision; -1 if none was chosen."""
     candidates: Annotated[np.ndarray, np.float32, "candidates", len(CANDIDATE_COLUMNS)]
-    """Frontier candidates of all decisions: x, y, cost and other `CANDIDATE_COLUMNS`."""
+    """Frontier candidates of all decisions, concatenated; columns as in `CANDIDATE_COLUMNS`."""
     candidate_ends: Annotated[np.ndarray, np.int32, "m"]
-    """Index in `candidates` where each decision's frontiers end."""
+    """Number of rows of `candidates` up to the end of each decision's frontiers."""
     segments: Annotated[np.ndarray, np.float32, "segments", 4]
     """True walls as (x0, y0, x1, y1), world frame [m]."""
     circles: Annotated[np.ndarray, np.float32, "circles", 3]
@@ -86,17 +85,17 @@ class Recording:
     people_radii: Annotated[np.ndarray, np.float32, "people"]
     """Radii of people, then of other robots [m]."""
     people: Annotated[np.ndarray, np.float32, "n", "coordinates"]
-    """True x, y, vx, vy of people and other robots, flattened per sample, world frame [m, m/s]."""
+    """True (x, y, vx, vy) of each person, then of each other robot, in one row per sample, world frame [m, m/s]."""
     tracks: Annotated[np.ndarray, np.float32, "tracks", 5]
     """Tracked people of all samples: x, y, vx, vy, radius, map frame [m, m/s]."""
     track_ends: Annotated[np.ndarray, np.int32, "n"]
-    """Index in `tracks` where each sample's people end."""
+    """Number of rows of `tracks` up to the end of each sample's people."""
     floor: Annotated[np.ndarray, np.uint8, "rows", "columns"]
-    """Grid, world frame: 1 for cells to explore, else 0; a single 0 if the task defines none."""
+    """Grid of the floor to explore, world frame: 1 for cells to explore, else 0; a single 0 for other tasks."""
 
     @classmethod
     def of(cls, about: dict[str, Any], **arrays: Any) -> "Recording":
-        """Create a recording; convert arrays to the dtypes and shapes of the format."""
+        """Create a recording from metadata and arrays (fields by name), converted to the annotated dtypes."""
         numbers = {name: np.asarray(arrays[name]).astype(kind) for name, (kind, *_) in _LAYOUT.items()}
         for name, (_, *shape) in _LAYOUT.items():
             if isinstance(width := shape[-1], int):

@@ -38,7 +38,7 @@ LEGENDS = (
 
 
 class Typesetter:
-    """Writer of text in Matplotlib's fonts."""
+    """Renderer of text and legends."""
 
     def __init__(self) -> None:
         pygame.font.init()

@@ -1,4 +1,4 @@
-"""Scenes: data that a picture shows."""
+"""Scenes: data of one moment of an episode."""
 
 import math
 from dataclasses import dataclass
@@ -38,7 +38,6 @@ class Scene:
     tracks: np.ndarray
     """Tracked people: x, y, vx, vy, radius, shape (n, 5), map frame [m, m/s]."""
     belief: Belief
-    """Pose estimate and map, map frame."""
     estimated_trail: np.ndarray
     """Estimated path, shape (n, 2), map frame [m]."""
     progress: float
