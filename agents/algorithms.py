@@ -133,7 +133,7 @@ def rollout_steps(config: TrainingConfig) -> int:
 
 
 def num_updates(config: TrainingConfig) -> int:
-    """Return the number of updates in a training: `total_steps` / steps between updates, rounded up."""
+    """Return the number of policy updates in a training: `total_steps` / steps between updates, rounded up."""
     return -(-config.total_steps // rollout_steps(config))
 
 

@@ -106,7 +106,8 @@ class DecisionNetworkConfig(Section):
     heads: Width = 4
     """Number of attention heads; must divide `width`."""
     prior: float = Field(default=10.0, ge=0)
-    """Weight of the prior policy in the logits. Larger values reduce early exploration; 0 disables the prior policy."""
+    """Weight of the scores of `prior_policy` in the logits of frontiers. Larger values reduce early exploration; 0
+    disables it."""
     prior_policy: str = "rule"
     """Policy that the untrained network imitates: `rule` (`gain_over_cost`: unknown area / path cost), the folder of a
     frontier score or evolution run, or `pretrained/NAME`."""
@@ -128,8 +129,8 @@ class EvaluationConfig(Section):
     references: tuple[str, ...] = ("random",)
     """Non-learned policies, by name or `module:attribute`, evaluated once in the same episodes for comparison."""
     environment: dict[str, Any] = {}
-    """Environment arguments that replace those of training, such as `world`. Values of `observations` and
-    `collision_monitor` also apply to later uses of the policy."""
+    """Environment arguments for evaluations, such as `world`; others are as in training. The policy keeps these values
+    of `observations` and `collision_monitor` after training."""
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -231,7 +232,6 @@ def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | Evolu
 
 
 CONFIGURATIONS = Path(__file__).resolve().parents[1] / "configs"
-"""Folder of the YAML configurations in the package."""
 
 
 def find_configuration(name: str) -> Path:

@@ -18,7 +18,6 @@ from lidarnaut.envs.files import MAX_JSON_BYTES, printable, read_bytes, read_rec
 Row = dict[str, int | float | str]
 """Row of the evaluation table `evaluations.csv`: value by column name."""
 LEARNED = "learned"
-"""Name of the trained policy in the evaluation table."""
 LEARNED_NAMES = LEARNED, LEARNED + GROUND_TRUTH
 """Names of the trained policy in the evaluation table, without and with observations of ground truth."""
 SCORES = "scores"
@@ -61,8 +60,8 @@ def draw_learning_curve(
 ) -> None:
     """Plot success rate or task progress, and the headline (main) measure, over training steps.
 
-    Lines are means with 95 % confidence bands; horizontal lines are reference policies. `runs`: rows of
-    `evaluations.csv` by run label. `axis`: label of the x-axis.
+    Curves are means over the episodes of an evaluation, with 95 % confidence bands except for progress; horizontal
+    lines are reference policies. `runs`: rows of `evaluations.csv` by run label. `axis`: label of the x-axis.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import EngFormatter, MaxNLocator

@@ -25,8 +25,8 @@ ROW_FEATURES = 16
 class ExplorerFeatures(BaseFeaturesExtractor):
     """Feature extractor for dictionary observations: one encoder per entry, then a joint layer.
 
-    Encoders are a convolution over patches for map images, sector pooling for `scan`, and a linear layer for other
-    vectors. Rows of a table share an encoder. Patches do not overlap, which is several times cheaper.
+    Encoders are a convolution over separate patches for map images, sector pooling for `scan`, and a linear layer for
+    other vectors. All rows of a two-dimensional entry share an encoder.
     """
 
     def __init__(self, observation_space: spaces.Dict, features_dim: int = 128, channels: int = 16) -> None:

@@ -93,7 +93,7 @@ def _call(files: tuple[str, Mapping[str, bytes]], call: bytes) -> Any:
 
 
 def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
-    """Yield path and content of files that calls on other machines need.
+    """Yield path and content of files that remote machines need to execute calls.
 
     These are files and policy folders named in the configuration `named`, images of map files named there, and modules
     imported from the current folder.
@@ -112,7 +112,7 @@ def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
 
 
 def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryDirectory[str] | None:
-    """Enter the working folder of the calling process, or a temporary copy if files are missing or different here.
+    """Change to the caller's working folder, or to a temporary copy if files differ or are missing on this machine.
 
     `files`: content by path. Returns the temporary folder, or None.
 

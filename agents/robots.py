@@ -28,4 +28,4 @@ SMALL_SEES_AROUND = _variant(
     max_acc_v=1.0,
     max_acc_w=3.2,
 )
-"""Robot with about the size, speed and lidar range of a TurtleBot3."""
+"""Robot with 360 degree lidar, and about the size, speed and lidar range of a TurtleBot3."""

@@ -87,7 +87,7 @@ def prepare_folder(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
 
 
 def discard_after(checkpoint: Path) -> Path:
-    """Rename checkpoints newer than `checkpoint` to `*.discarded`; return the run folder."""
+    """Rename checkpoints newer than the resumed `checkpoint` to `*.discarded`; return the run folder."""
     run = checkpoint.parent.parent
     for newer in list_checkpoints(run):
         if newer.name > checkpoint.name:

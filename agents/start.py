@@ -10,7 +10,6 @@ from lidarnaut.agents.trust import check_names, named_code
 from lidarnaut.envs.files import read_mapping
 
 DEFAULTS = {"experiment": "plain", "total_steps": 300_000}
-"""Default configuration of a training."""
 RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
 """Files that mark a folder as a run or policy, possibly received from another user."""
 

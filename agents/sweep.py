@@ -33,7 +33,6 @@ from lidarnaut.envs.progress import Progress
 
 TABLE, PICTURE = "sweep.csv", "sweep.png"
 TIME = "processor_time"
-"""File with the processor time of a run [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +44,7 @@ class Member:
     config: TrainingConfig | EvolutionConfig
     run: Path
     group: str = ""
-    """Name of this run's settings, if the sweep names settings; otherwise empty. Learning curves with the same name
-    share a plot."""
+    """Name of this run's settings in the sweep, or empty. Learning curves of equal name share a plot."""
 
     @property
     def label(self) -> str:
@@ -119,7 +117,7 @@ def run_sweep(
 def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
     """Return the runs of a sweep: all combinations of settings and seeds; ValueError if invalid.
 
-    Reference policies are evaluated once per environment.
+    Reference policies are evaluated only in the first run of each environment.
     """
     axes, seeds = data.get("sweep") or {}, data.get("seeds", [data.get("seed", 0)])
     if not isinstance(axes, dict) or not all(isinstance(values, list | dict) and values for values in axes.values()):

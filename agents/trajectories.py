@@ -17,12 +17,10 @@ from lidarnaut.envs.observations.trajectories import END, NUMBERS, TURN, TWISTS
 from lidarnaut.envs.tasks.carrot import AHEAD
 
 NEEDED = "trajectories", "motion", "limits"
-"""Names of required observations, in addition to `goal` or `carrot`."""
 GOAL_SCALE = 10.0
-"""Goal distance that the observation `goal` normalizes to 1 [m]. Also the assumed distance of a goal beyond the
-`carrot` (lookahead point)."""
+"""Goal distance that the observation `goal` normalizes to 1 [m]. With the observation `carrot` (point ahead on the
+path), a goal beyond this point is assumed at this distance."""
 LAST_ACTION = slice(2, 4)
-"""Indices of the last action in the observation `motion`."""
 OWN_NUMBERS = 6
 """Number of features per twist that the network computes itself, besides those in the observation `trajectories`."""
 INITIAL_GAIN = 0.05
@@ -70,9 +68,9 @@ class TwistChoice(Distribution):
 class TrajectoryNetwork(nn.Module):
     """Network that rates 66 candidate velocity commands (twists) by logits, and estimates the state value.
 
-    A shared MLP rates each twist by its row of the observation `trajectories`, progress to the goal divided by the
-    distance driven in 1 s at maximum speed, cosine of the angle between final heading and goal direction, change from
-    the last action, and the twist. The value uses mean and maximum over twists.
+    A shared MLP computes each logit from all observations and features of the twist: its row of the observation
+    `trajectories`, progress to the goal, alignment of the final heading with the goal direction, and change from the
+    last action. The value uses mean and maximum over twists.
     """
 
     twists: Tensor

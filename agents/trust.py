@@ -24,9 +24,9 @@ _PATH_OR_OWN_ID = re.compile(r"[A-Za-z]:[\\/][^:]*|lidarnaut:lidarnaut/[\w-]+")
 
 
 def named_code(record: Any) -> dict[str, str]:
-    """Return names of code in a configuration, such as `module:attribute`, each with its configuration key.
+    """Return the references to Python code in a configuration, such as `module:attribute`, each with its dotted key.
 
-    Values with a colon name code, except drive paths and ids of the package. Keys are dotted, such as `a.b.0`.
+    Texts with a colon are references, except Windows paths and ids of the package's environments.
     """
     return {text: key for key, text in _texts(record, "") if ":" in text and not _PATH_OR_OWN_ID.fullmatch(text)}
 

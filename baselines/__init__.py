@@ -68,7 +68,8 @@ OFFERED: Mapping[str, Makers] = {
     "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},
     "route": {"route_follower": RouteFollower},
 }
-"""Single-robot policies by required task attribute (`coverage`, `goal` or `route`) and policy name."""
+"""Constructors of single-robot policies by name, grouped by the attribute that a task must have: `coverage`, `goal` or
+`route`."""
 TEAMS: Mapping[str, Makers] = {
     "coverage": {
         "rrt_team": RrtTeam,
@@ -76,14 +77,14 @@ TEAMS: Mapping[str, Makers] = {
         "mtsp": partial(TeamExplorer, MinMaxTours()),
     }
 }
-"""Team policies by required task attribute and policy name."""
+"""Constructors of team policies by name, grouped by the attribute that a task must have."""
 CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values()) for name in makers)
 
 
 def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
     """Return constructors of the classical policies that suit an environment's task, by name.
 
-    The environment must be reset. Task attributes decide: every task with a `goal` gets `pursuit`.
+    The environment must be reset. For example, `pursuit` requires a task with a `goal`.
     """
     inner: Any = getattr(env.unwrapped, "explore", env.unwrapped)
     if isinstance(env.action_space, spaces.Discrete):

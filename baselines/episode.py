@@ -83,8 +83,8 @@ def run(
 class Episode:
     """Performance measures of one episode. Times are simulated, distances are true.
 
-    A measure is infinite if its threshold was never reached. Statistics replace infinity by `time_limit` or
-    `distance_limit`.
+    Measures such as the time to 95 % coverage are infinite if not reached. Statistics replace infinity by `time_limit`
+    or `distance_limit`.
     """
 
     values: Mapping[str, float]

@@ -28,7 +28,7 @@ TURN_RATE = 1.0
 LOOKAHEAD_TIME = 0.75
 """Lookahead distance of the route follower divided by its speed [s]."""
 MIN_TURN_TIME = 1.0
-"""The route follower's speed in a curve is at most the curve radius divided by this time [s]."""
+"""Minimum ratio of curve radius to speed of the route follower [s]; limits the speed in curves."""
 ROTATE_FROM = 1.6
 """Heading error above which the route follower turns in place [rad]."""
 

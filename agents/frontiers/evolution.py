@@ -1,9 +1,8 @@
-"""Optimization of a linear frontier score by CMA-ES (Hansen, "The CMA evolution strategy: a tutorial", 2016).
+"""Optimization of a linear frontier score by CMA-ES (Hansen 2016, arXiv:1604.00772).
 
 The objective is the mean over episodes of log(exploration time / time of the rule `gain_over_cost`). All individuals of
-a generation explore the same tasks, to reduce variance. Weights are scaled by the spread of their features, so that
-equal steps change about as many decisions. The policy averages the distribution means over the second half of the
-generations (Polyak and Juditsky, "Acceleration of stochastic approximation by averaging", 1992).
+a generation explore the same tasks. The search space is scaled by the standard deviation of each feature. The policy
+averages the distribution means over the second half of the generations (Polyak and Juditsky 1992).
 """
 
 import contextlib
@@ -32,7 +31,7 @@ from .tasks import TARGET, ExplorationTask, draw_task
 
 GENERATION_SEED, VALIDATION_SEED, SCALING_SEED = 0, 1, 2
 LEAST_SPREAD = 0.02
-"""Lower bound of the feature standard deviations that scale the weights."""
+"""Lower bound of a feature's standard deviation, which scales the search space of CMA-ES."""
 
 
 def evolve(
@@ -133,7 +132,6 @@ class _Evolution:
         return int(is_new)
 
     def policy(self, generation: int) -> np.ndarray:
-        """Return the score weights averaged over the second half of generations."""
         means = self._means[generation // 2 : generation]
         return PRIOR + np.mean(means, axis=0) / self._spread if means else PRIOR
 

@@ -22,8 +22,8 @@ MASKED = -1e9
 """Logit of invalid actions, which have probability 0."""
 MAP_CHANNELS = 8
 MAX_INITIAL_SLOPE = 6.0
-"""Largest initial slope of an attention head: decrease of attention logits per normalized distance of frontiers. The
-heads' initial slopes are evenly spaced from 0."""
+"""Largest initial slope of an attention head; the heads' slopes are evenly spaced from 0. Slope x normalized distance
+between two frontiers is subtracted from their attention logit."""
 RULE = "rule"
 """Value of `prior_policy` for the rule `gain_over_cost` (unknown area / path cost)."""
 NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
@@ -36,9 +36,9 @@ def _length(share: Tensor, half: float) -> Tensor:
 class FrontierNetwork(nn.Module):
     """Attention network that rates frontier candidates by logits, and estimates the state value.
 
-    Candidates are embedded, attend to each other, and are rated by a shared MLP. Attention decreases with distance, by
-    a learned slope per head. The MLP corrects a prior: logit = prior * utility + correction, with initial correction 0.
-    The utility is a frontier score, or that of the rule `gain_over_cost`: log(visible + 0.3) - log(cost + 3).
+    The logit of a frontier is `prior` x utility + correction. The utility is a linear frontier score, or that of the
+    rule `gain_over_cost`: log(visible unknown area + 0.3) - log(path cost + 3). The correction is learned, initially 0:
+    self-attention among frontiers, decreasing with distance, then a shared MLP.
     """
 
     score: Tensor | None
@@ -50,8 +50,8 @@ class FrontierNetwork(nn.Module):
     ) -> None:
         """Build the layers; raise ValueError if a required observation is missing.
 
-        `prior`: weight of the prior policy in the logits. `has_score`: whether the prior policy is a linear frontier
-        score, set later, instead of the rule `gain_over_cost`.
+        `prior`: weight of the utility in the logits. `has_score`: whether the utility is a linear frontier score, set
+        later, instead of the rule `gain_over_cost`.
         """
         super().__init__()
         if missing := [key for key in NEEDED if key not in observation_space.spaces]:
@@ -157,7 +157,7 @@ class FrontierPolicy(JointPolicy):
         prior_policy: str = RULE,
         **arguments: Any,
     ) -> None:
-        """Build the network. If `prior_policy` is not `rule`, its weights must be set by `load_prior`."""
+        """Build the network. A `prior_policy` other than `rule` is a frontier score, to be set by `load_prior`."""
         self._sizes = {"width": width, "heads": heads, "prior": prior, "has_score": prior_policy != RULE}
         # required by the base class; has no weights
         arguments["features_extractor_class"] = FlattenExtractor

@@ -22,8 +22,8 @@ def explore(
 ) -> tuple[float, float]:
     """Run an exploration episode with a policy that selects frontiers; return cost and explored fraction.
 
-    It ends at target coverage or `max_time` [s]. The cost is log(time [s]) + `MISSING_COST` x missing coverage;
-    incomplete episodes count with the time limit.
+    The episode ends at target coverage, without frontiers, or after `max_time` [s]. The cost is log(time [s]) +
+    `MISSING_COST` x missing coverage; incomplete episodes count with at least the time limit.
     """
     env = make_environment(task.robot, task.resolution, task.drift)
     observation, _ = env.reset(seed=task.seed, options={"world": make_world(task)})
@@ -50,9 +50,9 @@ def compare(task: ExplorationTask, weights: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def feature_variances(task: ExplorationTask) -> np.ndarray:
-    """Return the variance of each frontier feature among the best-rated frontiers of a decision.
+    """Return the variance of each frontier feature among the `NUM_BEST` frontiers with the highest scores.
 
-    The variances, shape (NUM_FEATURES,), float64, are averaged over an episode with the rule `gain_over_cost`.
+    Result: average over an episode with the rule `gain_over_cost`, shape (NUM_FEATURES,), float64.
     """
     rule, variances = FrontierScore(), [np.zeros(NUM_FEATURES)]
 

@@ -25,7 +25,6 @@ WEIGHTS_FILE, RECORD_FILE = "weights.safetensors", "policy.json"
 FAILURE_PENALTY = 1e3
 """Penalty on the score of a frontier after a failed drive to it."""
 MAX_CANDIDATES = 48
-"""Maximum number of scored frontier candidates."""
 
 
 class FrontierScore:

@@ -30,7 +30,7 @@ RANGES = (3.5, 5.0, 8.0, 12.0, 20.0)
 LEAST_AREA = 8.0
 """Minimum explorable area of a world per metre of lidar range [m2/m]. Ranges above 8 m count as 8 m."""
 RESOLUTIONS = (0.1, 0.15, 0.2)
-"""Sides of a map cell [m]; the smallest is only for worlds below 200 m2."""
+"""Map cell sides [m] of random tasks; the smallest only occurs in worlds below 200 m2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +73,7 @@ class ExplorationTask:
     resolution: float
     """Side of a map cell [m]."""
     drift: float
-    """Standard deviation of the position error [m]. The standard deviation of the heading error [rad] is a sixth of
-    this value."""
+    """Standard deviation of the estimated position's error [m]; for the heading, a sixth of this value [rad]."""
     seed: int
     """Seed of start pose and noise."""
 
@@ -92,19 +91,19 @@ def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)
 
 
 def training_world(rng: np.random.Generator) -> World:
-    """Return a random training world, from the library or generated, for the key `environment.world`."""
+    """Return a random training world, from the library or generated; a value for the key `environment.world`."""
     if rng.random() < LIBRARY_SHARE:
         return load_world(str(rng.choice(TRAINING_WORLDS)))
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)))
 
 
 def validation_world(rng: np.random.Generator) -> World:
-    """Return a random generated test world of default size, for `evaluation.environment.world`."""
+    """Return a generated test world of default size; a value for the key `evaluation.environment.world`."""
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)) + 1)
 
 
 def sized_training_world(rng: np.random.Generator) -> World:
-    """Return a generated training world of random size, for the key `environment.world`."""
+    """Return a generated training world of random size; a value for the key `environment.world`."""
     family = str(rng.choice(tuple(SIDES)))
     return FAMILIES[family](2 * int(rng.integers(2**30)), _draw_size(rng, family))
 
@@ -150,7 +149,10 @@ def make_world(task: ExplorationTask) -> World:
 
 @lru_cache(maxsize=4)
 def make_environment(robot: RobotParams, resolution: float, drift: float) -> ExploreFrontiersAbstractEnv:
-    """Return an environment for a robot, map cell size [m] and position error [m]; the last four are cached."""
+    """Return an exploration environment without simulated driving; the last four are cached.
+
+    `resolution`: side of a map cell [m]. `drift`: standard deviation of the estimated position's error [m].
+    """
     return ExploreFrontiersAbstractEnv(
         robot=robot, map_resolution=resolution, drift=(drift, drift / 6.0), target_coverage=TARGET, world="rooms"
     )

@@ -43,9 +43,10 @@ class PursuitExplorer(PursuitDriving):
 def pursue(
     frontiers: FrontierNavigator, robot: RobotParams, pose: Pose2D, twist: Twist, obstacles: np.ndarray
 ) -> Twist:
-    """Return a velocity command towards a near point on the path, or `twist` if an obstacle blocks the way.
+    """Return the velocity command towards a point ahead on the path, or `twist` if an obstacle is in the way.
 
-    `frontiers`: navigator that planned the path. `obstacles`: shape (n, 2), float64, base frame [m].
+    `frontiers`: navigator whose path is followed. `twist`: the navigator's command. `obstacles`: points, shape (n, 2),
+    float64, base frame [m].
     """
     navigator = frontiers.navigator
     if navigator.is_recovering or navigator.plan is None:

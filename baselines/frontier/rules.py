@@ -90,7 +90,8 @@ class NextBestViewParams:
     num_samples: PositiveInt = 40
     """Maximum number of viewpoints to score, sampled at random."""
     discount: NonNegativeFloat = 0.15
-    """Exponential discount rate of unknown area in view with path length [1/m]; lambda in the paper, 0.5 there."""
+    """Discount rate [1/m] in the score of a viewpoint: visible unknown area x exp(-discount x path length); 0.5 in the
+    paper."""
     max_time: PositiveFloat = 4.0
     """Maximum drive time before the next choice of a viewpoint [s]; infinite in the paper."""
 
@@ -127,6 +128,4 @@ class NextBestViewExplorer(RuleExplorer):
 
 
 PUBLISHED_LITE = ExploreLite(gain_scale=1.0)
-"""Parameters in the launch file of explore_lite."""
 PUBLISHED_VIEWS = NextBestViewParams(discount=0.5, max_time=math.inf)
-"""Parameters in the paper of Bircher et al. (2016)."""

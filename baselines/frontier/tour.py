@@ -33,13 +33,13 @@ class TourParams:
     """Parameters of tours past all frontiers."""
 
     cover: NonNegativeFloat = 0.4
-    """Radius around a tour stop within which frontiers need no other stop, as a fraction of the lidar range."""
+    """Radius within which a tour stop represents all parts of its frontier, as a fraction of the lidar range."""
     max_cover: NonNegativeFloat = 3.0
     """Upper limit of the radius given by `cover` [m]."""
     max_stops: PositiveInt = 16
     """Maximum number of stops of a tour, lowest path cost first."""
     hysteresis: NonNegativeFloat = 1.0
-    """Tour length that a change to another frontier must save at least [m]."""
+    """The explorer changes to another frontier only if this shortens the tour by at least this length [m]."""
 
 
 class Tour:

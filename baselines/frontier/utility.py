@@ -30,16 +30,16 @@ LOGGER = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class FrontierParams:
-    """Parameters of frontier clusters, filters and scores; defaults from the module's cited report, section 3.3.1."""
+    """Parameters of frontier clusters, filters and scores. Defaults: report cited in this module, section 3.3.1."""
 
     cluster_tolerance: PositiveFloat = 0.5
     """Maximum distance between neighboring frontier cells in a cluster [m] (`eps` of DBSCAN)."""
     min_frontier_size: int = 8
     """Minimum number of 5 cm frontier cells near a core cell of a cluster (`min_samples` of DBSCAN)."""
     min_frontier_size_final: PositiveInt = 3
-    """Replacement for `min_frontier_size` once the explored share exceeds `adaptive_threshold`."""
+    """Value that replaces `min_frontier_size` late in exploration, above `adaptive_threshold`."""
     adaptive_threshold: Annotated[float, Field(ge=0.0, le=1.0)] = 0.7
-    """Explored share of the observed bounding box above which small frontiers count, in [0, 1]."""
+    """Fraction of free cells in the known map's bounding box above which `min_frontier_size_final` applies."""
     obstacle_clearance: NonNegativeFloat = 0.5
     """Minimum distance between the centroid of a frontier cluster and obstacles [m]."""
     obstacle_above: Annotated[int, Field(ge=0, lt=100)] = 50
@@ -67,7 +67,7 @@ class FrontierParams:
         return self.information_gain_radius * (min(2.0, diagonal / 20.0) if self.scale_radius_with_map else 1.0)
 
     def relaxed(self) -> list["FrontierParams"]:
-        """Return parameter sets to try in turn: unchanged, then with one more filter relaxed in each."""
+        """Return parameters to try in turn until a frontier passes; each set relaxes one more filter than the last."""
         steps: tuple[dict[str, Any], ...] = (
             {"min_frontier_size": self.min_frontier_size_final},
             {"obstacle_clearance": 0.0},
@@ -162,8 +162,8 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
     cm cells near a core cell.
 
     Returns:
-        Cell centers, shape (n, 2), float64, map frame [m]; candidate and cluster of each cell, shape (n,), int64, -1
-        for noise.
+        Centers of frontier cells, shape (n, 2), float64, map frame [m]; frontier index and cluster index (-1 for noise)
+        of each cell, shape (n,), int64.
     """
     from sklearn.cluster import DBSCAN  # slow import
 

@@ -10,15 +10,15 @@ MAX_SAMPLES = 8192
 STOP_COST = 0.1
 """Cost of a stop on a tour, expressed as path length [m]."""
 PASSED_SHARE = 0.5
-"""At a viewpoint passed without a stop, only cells within this fraction of the lidar range should be observed."""
+"""Fraction of the lidar range within which cells should be observed at viewpoints passed without a stop."""
 MAX_MISSES = 2
 
 
 class CoverPlanner:
     """Planner of a short tour of viewpoints that observe the explorable area.
 
-    A cell is ignored once `MAX_MISSES` viewpoints that should have shown it did not; the tour observes other cells
-    instead, if possible.
+    A cell is ignored if it remains unobserved at `MAX_MISSES` viewpoints with a view of the cell. The tour observes
+    other cells instead, if possible.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class CoverPlanner:
         self.stops = [stop for stop in self.stops if stop != viewpoint]
 
     def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
-        """Remove a visited or passed viewpoint from the tour; count a miss for cells that it should have shown."""
+        """Remove a visited or passed viewpoint from the tour; count a miss for each cell in view but not observed."""
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
         if viewpoint not in self.stops[:1]:

@@ -21,7 +21,8 @@ DETOUR_OFFSET = 0.2
 class Cover(NamedTuple):
     """Input of the tour search: path lengths between start and viewpoints, and the cells visible from each viewpoint.
 
-    `lengths` and `predecessors` are laid out as in `Viewpoints`.
+    Viewpoints come first, the start last. `lengths[i, j]`: path length [m] plus cost of a stop. `predecessors[i, j]`:
+    last viewpoint before j on the path from i.
     """
 
     lengths: np.ndarray
@@ -63,7 +64,7 @@ def add_views(cover, first, last, seen):
 
 @njit(cache=True, error_model="numpy")
 def seen_on(cover, known, tour):
-    """Return the cells observed by the end of a tour, one bit per cell, shape (words,), uint64.
+    """Return the cells observed before or during a tour, one bit per cell, shape (words,), uint64.
 
     `known`: cells observed before the tour.
     """
@@ -75,7 +76,7 @@ def seen_on(cover, known, tour):
 
 @njit(cache=True, error_model="numpy")
 def shorten(cover, known, target, tour):
-    """Shorten a tour by 2-opt, or-opt and removal of stops while `target` cells remain observed.
+    """Shorten a tour by 2-opt, or-opt and removal of stops; at least `target` cells (a number) remain observed.
 
     `known`: bits of cells observed before the tour, shape (words,), uint64.
     """
@@ -102,10 +103,11 @@ def shorten(cover, known, target, tour):
 
 @njit(cache=True, error_model="numpy")
 def complete(cover, known, target, tour, noise, rng):
-    """Insert viewpoints into a tour until it observes `target` cells, most new cells per detour first.
+    """Insert viewpoints into a tour until the tour observes at least `target` cells (a number).
 
-    `known`: bits of cells observed before the tour, shape (words,), uint64. `noise`: maximum random increase of new
-    cells per detour, as a fraction. Returns the tour, and whether `target` is reached.
+    Each step inserts the viewpoint with the most new cells per detour. `known`: bits of cells observed before the tour,
+    shape (words,), uint64. `noise`: maximum random increase of this ratio. Returns the tour, and whether `target` is
+    reached.
     """
     while True:
         seen = seen_on(cover, known, tour)
@@ -146,7 +148,7 @@ def _ruin(cover, tour, rng):
 
 @njit(cache=True, error_model="numpy")
 def search_tour(cover, known, target, tour, num_rounds, rng):
-    """Search for a short tour that observes `target` cells, or as many as possible.
+    """Search for a short tour that observes at least `target` cells (a number), or as many as possible.
 
     `known`: bits of cells observed before the tour, shape (words,), uint64. `tour`: viewpoint indices of the initial
     tour, start first, shape (size,), int64. `num_rounds`: number of rounds that remove and reinsert stops.

@@ -14,10 +14,10 @@ from lidarnaut.envs.navigation import Candidates, GainOverCost
 from lidarnaut.envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
 
 COVER_RADIUS = 2.0
-"""Radius around a tour stop within which frontiers need no other stop [m]."""
+"""Radius around a tour stop within which the stop represents all frontiers [m]."""
 MAX_STOPS = 32
 WORK_PER_AREA = 0.3
-"""Additional cost of a tour stop per visible unknown area, expressed as path length [m/m2]."""
+"""Cost of exploring the unknown area visible from a tour stop, expressed as path length [m/m2]."""
 STOP_HYSTERESIS = 6.0
 """Length subtracted from the path to a robot's current stop, against oscillation between stops [m]."""
 
@@ -28,8 +28,8 @@ class Assignment(Protocol):
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> Sequence[int]:
         """Return the index of each robot's candidate (reachable frontier), -1 for none.
 
-        `offers`: candidates of each robot. `taken`: frontiers of other robots, shape (k, 2), map frame [m]. `beliefs`:
-        estimated pose and map of each robot.
+        `offers`: candidates of each robot. `taken`: frontiers that other robots drive to, shape (k, 2), map
+        frame [m]. `beliefs`: estimated pose and map of each robot.
         """
 
 

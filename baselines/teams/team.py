@@ -24,8 +24,8 @@ class TeamExplorer:
     def __init__(self, rule: Assignment | None = None, *, period: float = PERIOD) -> None:
         """Create a team with a rule that assigns frontiers to robots.
 
-        All robots are assigned every `period` [s], and when one needs a frontier. With an infinite `period`, only
-        robots that need a frontier are assigned.
+        Frontiers of all robots are reassigned every `period` [s], and when a robot needs a new frontier. With an
+        infinite `period`, only robots that need a frontier get one.
         """
         self.rule, self.period = rule, period
         self._navigator: TeamNavigator | None = None
@@ -73,7 +73,7 @@ class TeamExplorer:
         return TeamRobot(self._robot, self._control_period, index)
 
     def _look(self, team: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> None:
-        """Hook to update data that all robots share, such as random trees."""
+        """Hook, called before each action, to update data that all robots share, such as random trees."""
 
     def _assign(self, due: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> Sequence[int]:
         assert self.rule is not None
