@@ -42,7 +42,7 @@ class Command:
     jobs: int = 1
     """Number of processes; decision times are most accurate with at most one per core."""
     shard: str | None = None
-    """Run only part I of N, given as `I/N`, and publish nothing; parts may share the folder."""
+    """Run only part I of N, given as `I/N`, without a report; parts may share the folder."""
     trust: tuple[str, ...] = ()
     """Modules of your own, or `module:attribute`, that learned policies may use."""
     ray: str | None = None
@@ -122,9 +122,9 @@ def split_arguments(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
 
 
 def shown_command(arguments: Sequence[str], command: Command) -> str:
-    """Return a command that reproduces the results, without folders of this machine.
+    """Return a command that reproduces the results, without private paths of this machine.
 
-    A folder of results outside of the current folder becomes `runs/NAME`.
+    An absolute output folder outside the current folder becomes `runs/NAME`.
     """
     shown = shlex.join(argument for argument in arguments if argument != "--report").replace(f"{Path.cwd()}/", "")
     if command.out.is_absolute() and not command.out.is_relative_to(Path.cwd()):

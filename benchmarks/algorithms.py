@@ -78,7 +78,7 @@ class TaskResults:
 
 
 def score(scores: np.ndarray) -> Estimate:
-    """Return the interquartile mean over training seeds of the mean score, with a 95 % interval.
+    """Return an algorithm's score: the mean over episodes, then the interquartile mean over seeds, with 95 % interval.
 
     `scores` has shape (seeds, episodes). The bootstrap resamples seeds and episodes independently.
     """

@@ -348,12 +348,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def is_fused(self) -> bool:
-        """Whether kernels can step many environments of this kind together."""
+        """Whether one kernel call can step many environments like this."""
         return not self.why_not_fused
 
     @property
     def why_not_fused(self) -> str:
-        """Reason why kernels cannot step many environments of this kind together; empty if they can."""
+        """Reason why one kernel call cannot step many environments like this; empty if it can."""
         kind, physics = type(self), type(self.simulator)
         if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
             return f"{kind.__name__} overrides {own[0]}"

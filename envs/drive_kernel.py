@@ -14,16 +14,16 @@ from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.transition import record_positions, update_robots
 
 UNCHECKED = -1
-"""Progress returned by `drive` if arrival and stall were not checked in the last control period."""
+"""Status of a drive whose arrival and stall were not checked in the last control period."""
 
 
 @njit(cache=True, error_model="numpy")
 def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_from):
-    """Drive a robot by its navigator for up to `max_steps` control periods.
+    """Simulate a robot that follows its navigator for up to `max_steps` control periods.
 
-    Ends early if a scan must be processed, the noise in `draws` is used up, the drive ends, or Python must check the
-    progress. `rows`: robot state. `ranges`: lidar scan. `world_arrays`: segments and circles of the world, and
-    `People.arrays`. `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of
+    Ends early if a scan must be processed, the noise in `draws` is used up, the robot arrives or fails, or Python must
+    check the progress. `rows`: robot state. `ranges`: lidar scan. `world_arrays`: segments and circles of the world,
+    and `People.arrays`. `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of
     `record_positions`. `check_from`: first control period with a check in Python.
 
     Returns:

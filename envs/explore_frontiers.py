@@ -31,7 +31,6 @@ from lidarnaut.envs.tasks.explore import Explore
 MAX_CANDIDATES = 1000
 """Upper limit of the argument `max_candidates`: observations contain all pairs of candidates."""
 RESET, EPISODE_END = "reset", "episode_end"
-"""Outcomes of a decision in `info`: no decision yet, and end of the episode during a drive."""
 
 
 class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
@@ -220,17 +219,17 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     @property
     def candidates(self) -> Candidates:
-        """Frontier candidates of the current decision."""
+        """Frontiers that the policy may choose in the current decision."""
         return self.navigator.candidates
 
     @property
     def deciding(self) -> Robot:
-        """Robot whose next frontier the policy chooses."""
+        """Robot that the current decision is for; teams decide for one robot at a time."""
         return self.explore.robots[0]
 
     @property
     def belief(self) -> Belief:
-        """Pose estimate and map of the deciding robot."""
+        """Pose estimate and map of the robot that the current decision is for."""
         return self.deciding.belief
 
     @property

@@ -21,7 +21,7 @@ SPEED_SHARE = 0.97
 TURN_SHARE = 1.0
 """Mean yaw rate of a turn in place, divided by the maximum yaw rate."""
 MAX_ARC = 1.6
-"""Maximum heading change at the start of a path without a turn in place [rad]."""
+"""Heading change at the start of a path that costs no time [rad]; only the excess is a turn in place."""
 HEADING_DISTANCE = 0.4
 """Distance along the path to the point that defines the initial heading [m]."""
 DRIFT_LENGTH = 8.0

@@ -37,9 +37,9 @@ def find_spec(id: str) -> EnvSpec:
 
 @cache
 def arguments_of(id: str) -> dict[str, Any]:
-    """Return the arguments of an environment by name, with default values or values of its registration.
+    """Return the arguments of an environment by name, with values of its registration or else default values.
 
-    Includes arguments of base classes and of the task; if `**kwargs` remain, also those of `Explore-v0`.
+    Includes arguments of base classes and of the task; if these also accept `**kwargs`, those of `Explore-v0`.
     """
     spec = find_spec(id)
     assert spec.entry_point is not None

@@ -70,7 +70,7 @@ class Measure:
     is_headline: bool = False
     """Whether this (headline) measure ranks policies. Requires a value in every episode."""
     is_relative: bool = False
-    """Whether values are compared with those of the reference policy from the same start. Requires `limit`."""
+    """Whether reports also divide values by those of the reference policy from the same start. Requires `limit`."""
     note: str = ""
     """Explanation printed with rankings, without a final period."""
 
@@ -96,7 +96,7 @@ def final(history: EpisodeHistory, name: str) -> float:
 
 
 def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
-    """Return `quantity` at the first sample with `fraction` at least `mark`, or infinity; shapes (n,)."""
+    """Return `quantity` at the first sample whose `fraction` is at least `mark`, infinity if none; shapes (n,)."""
     reached = fraction >= mark
     return float(quantity[reached.argmax()]) if reached.any() else math.inf
 
@@ -112,14 +112,14 @@ def when_successful(history: EpisodeHistory, quantity: str = "time") -> float:
 
 
 def mean_over_limit(history: EpisodeHistory, name: str) -> float:
-    """Return the time average of an `info` entry until the time limit; its last value continues after the end."""
+    """Return the mean of an `info` entry until the time limit; ended episodes keep their last value."""
     values, time, limit = history.of(name), history.of("time"), history.time_limit
     known = np.trapezoid(values, time) + values[-1] * max(0.0, limit - time[-1])
     return float(known / max(limit, time[-1]))
 
 
 def root_mean_square(history: EpisodeHistory, name: str, column: int | None = None) -> float:
-    """Return the root mean square of an `info` entry, or of a column, over samples and robots."""
+    """Return the root mean square of an `info` entry (or of its column `column`) over samples and robots."""
     means = np.mean(np.square(history.samples[name]), axis=0)
     return float(np.sqrt(np.mean(means if column is None else means[..., column])))
 
@@ -207,8 +207,8 @@ def sct(history: EpisodeHistory) -> float:
 def barn_metric(is_success: bool, time: float, ideal: float) -> float:
     """Return the metric of the BARN challenge: success x OT / clip(AT, 2 OT, 8 OT), at most 0.5.
 
-    AT is the time since the robot first moved [s], OT the ideal time [s]. Daffan/the-barn-challenge (README), after
-    Xiao et al., "Autonomous Ground Navigation in Highly Constrained Spaces" (2022), with the limit 4 OT.
+    AT is the time since the robot first moved [s], OT the ideal time [s]. Source: README of Daffan/the-barn-challenge.
+    The paper has the limit 4 OT: Xiao et al., "Autonomous Ground Navigation in Highly Constrained Spaces" (2022).
     """
     return is_success * ideal / min(max(time, 2.0 * ideal), 8.0 * ideal) if ideal > 0.0 else 0.0
 

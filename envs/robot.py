@@ -33,7 +33,7 @@ MAX_PERSON_GAP, MAX_TIME_TO_COLLISION = 10.0, 10.0
 
 
 class MotionSettings(NamedTuple):
-    """Settings of odometry and estimator for kernels, all float."""
+    """Odometry and estimator settings of a robot, all float, for Numba kernels."""
 
     metres_per_tick: float
     track: float
@@ -186,10 +186,10 @@ class Robot:
     def reset(
         self, rows: Rows, index: int, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None
     ) -> None:
-        """Start an episode at rest; the first scan is processed later, by `integrate`.
+        """Start an episode with the robot at rest; the first scan is processed later, by `integrate`.
 
-        `rows`: arrays of all robots, with this robot at `index`. `rng`: generator of the estimator. `shared_map`: map
-        that the robots of a team share, or None.
+        `rows`: states of all robots; `index`: this robot. `rng`: generator of the estimator.
+        `shared_map`: map that the robots of a team share, or None.
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)

@@ -47,7 +47,7 @@ class Measured:
 
 
 def make_sensors(sensors: Sequence[Any]) -> list[Sensor]:
-    """Create sensors from objects, which are copied, from classes, or from `module:attribute` names of these.
+    """Create sensors from `Sensor` objects (copied), `Sensor` classes, or import paths `module:attribute`.
 
     Raises:
         ValueError: if an item is not a sensor, or two sensors have the same name.

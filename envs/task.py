@@ -25,23 +25,23 @@ class ObservationPart(Protocol):
     """Entry of the observation dictionary of a robot.
 
     A part with state has `reset(robot)`, called after the robot has processed its first reading. A part with
-    `uses_ground_truth = True` has `write(robot, out, truth)`, with a `GroundTruth`, and marks the names of policies
-    that observe it; see `lidarnaut.baselines.policy.marked`.
+    `uses_ground_truth = True` has `write(robot, out, truth)`, with a `GroundTruth`; policies that observe it get a
+    suffix in reports, see `lidarnaut.baselines.policy.marked`.
     """
 
     def space(self, robot: RobotParams) -> spaces.Space:
-        """Return the Gymnasium space of the entry for a robot."""
+        """Return the Gymnasium space of this observation entry for a robot."""
         ...
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the entry to `out`, an array of the space, from readings or estimates of the robot."""
+        """Write this observation entry to the array `out` of its space, from readings or estimates of the robot."""
         ...
 
 
 class RowPart:
-    """Base of built-in observation parts, which write the entries of many robots in one call.
+    """Base of built-in observation parts, which write their observation entry for many robots in one call.
 
-    Subclasses define `write_rows(batch, out)` for active robots of a `Batch`.
+    Subclasses define `write_rows(batch, out)` for active robots of a `Batch` of environments.
     """
 
     _memory: Sequence[Any] = ()  # keys of `batch.memory` that `write_rows` reads
@@ -91,7 +91,7 @@ class Rewards:
 
 
 def total(terms: Mapping[str, Any]) -> Any:
-    """Return the sum of reward terms, added one after another; Python's `sum` rounds differently."""
+    """Return the sum of reward terms, added in order, without the extra precision of Python's `sum`."""
     return functools.reduce(operator.add, terms.values(), 0.0)
 
 
@@ -101,9 +101,9 @@ class Task(ABC):
     Constructor parameters become arguments of the environments. A task has access to ground truth. Policies only see
     its observation parts and `prior`.
 
-    A task with state in `Rows.memory` may implement `update_rows(batch)`, `update` for all environments of
-    `batch.active`. It returns `quantities`, `metrics` and whether the episode has ended, as arrays with one entry per
-    environment; see `lidarnaut.envs.tasks.reach_goal`.
+    To be fast in vector environments, a task with state in `Rows.memory` may implement `update_rows(batch)`: `update`
+    for all environments of `batch.active`. It returns `quantities`, `metrics` and whether the episode has ended, as
+    arrays with one entry per environment; see `lidarnaut.envs.tasks.reach_goal`.
     """
 
     measures: ClassVar[Sequence[Measure]] = (TIME_TO_SUCCESS,)
@@ -116,21 +116,21 @@ class Task(ABC):
     is_team: ClassVar[bool] = False
     """Whether actions and observations have a leading axis for robots."""
     rests_between_scans: bool = False
-    """Whether kernels may skip `update` in control periods without a processed scan. Then the rewarded quantities
-    "time" and "collision" sum the skipped seconds and the seconds in contact; other quantities are 0."""
+    """Whether `update` may be skipped in control periods without a processed scan. Such a period adds its duration to
+    the rewarded quantity "time" and, in contact, to "collision"; other quantities are 0."""
     arrays: tuple[np.ndarray, ...] = ()
     """Arrays of the task for kernels, available to `update_rows` as `batch.task_arrays`."""
     uses_true_motion: bool = False
     """Whether estimators receive the true motion instead of odometry."""
     sampler_ahead: Any = None
-    """World sampler if another thread may call `draw_world` before the reset, otherwise None. `draw_world` must then
-    depend only on this sampler and the generator, and call no user code."""
+    """World sampler of `draw_world` if another thread may draw worlds in advance, otherwise None. `draw_world` must
+    then depend only on this sampler and the generator, and call no user code."""
     weights: Mapping[str, float]
     """Weights of the reward terms, by the name of a quantity."""
     reward: Any = None
     """Reward weights or subclass of `Rewards` chosen by the user; see `Rewards.of`."""
     rewards: Rewards
-    """Reward function that results from `weights` and `reward`."""
+    """Reward function of the episode: the task's `weights`, as changed by the user's `reward`."""
     robot: RobotParams
     """Nominal robot parameters."""
     control_period: float
@@ -175,7 +175,7 @@ class Task(ABC):
         """
 
     def place(self, world: World, start: Any) -> World:
-        """Return the part of a world that an episode with a given start uses; by default the whole world."""
+        """Return the world of an episode that starts at `start`: `world`, or a part of it."""
         return world
 
     @abstractmethod
@@ -210,7 +210,7 @@ class Task(ABC):
 
     @abstractmethod
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        """Update the task after a control period [s]; arguments as for `reset`."""
+        """Update the task after a control period of `period` seconds; other arguments as for `reset`."""
 
     @abstractmethod
     def quantities(self) -> dict[str, float]:

@@ -81,8 +81,8 @@ def _watch_people(row, people):
 def update_robots(rows, people):
     """Update robot states after a control period: contacts, odometry, predicted pose, and flags such as `SCAN`.
 
-    The pose follows odometry until the estimator processes a scan. `rows`: robot states, shape (n, ROW_SIZE), float64.
-    `people`: states of all people.
+    The predicted pose follows odometry from the last processed scan. `rows`: robot states, shape (n, ROW_SIZE),
+    float64. `people`: states of all people.
     """
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -130,7 +130,7 @@ def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
 
 @njit(cache=True, error_model="numpy")
 def record_positions(rows, active, positions, counts):
-    """Record robot positions that flags in the robot states request; return True if an array is full.
+    """Record the positions of robots with a flag `REMEMBER` or `REMEMBER_TRUE`; return True if an array is full.
 
     `rows`: robot states. `active`: robots to process, shape (n,), bool. `positions`: recorded estimated and true
     positions, shape (n, k, 4), float64 [m], updated. `counts`: their numbers, shape (n, 2), int64, updated.

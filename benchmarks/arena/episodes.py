@@ -108,10 +108,10 @@ class Episodes:
         return self.where(lambda row: start_of(row) in starts)
 
     def related(self, reference: str | None = None) -> "Episodes":
-        """Return the episodes with added columns for comparison with a reference policy.
+        """Return the episodes with added columns for a comparison with a reference policy from equal starts.
 
         `reached` is 1 if the episode reached the first threshold, such as 95 % explored. `relative_*` are times and
-        distances until a threshold, divided by the reference's, or by the limit if the reference missed the threshold.
+        distances until a threshold, divided by the reference policy's, or by the limit if it missed the threshold.
         """
         references = self.by_start(reference or self.reference) if self.rows else {}
         related = []
@@ -170,7 +170,7 @@ class Episodes:
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
 
     def gaps_closed(self, policy: str) -> dict[str, Estimate]:
-        """Return, by measure, the fraction of the gap from reference to ground-truth policy that a policy closes.
+        """Return a policy's improvement on the reference, divided by that of the ground-truth policy, by measure.
 
         Empty for these two policies, or if no policy uses ground truth.
         """
@@ -198,7 +198,10 @@ def _strata(rows: Sequence[Row], measure: Measure, value: Callable[[Row, Measure
 
 
 def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
-    """Return the policies that are best after rounding, except those with ground truth; empty if all are equal."""
+    """Return the policies with the best rounded estimate of a measure; empty if all are equal.
+
+    Policies with access to ground truth are ignored.
+    """
     shown = {
         policy: (float(measure.text(value.iqm)), value.is_bound[0])
         for policy, value in estimates.items()

@@ -16,7 +16,7 @@ from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")
 MIN_RATIO_VALUE = 1.0
-"""Smaller times [s] and distances [m] are raised to this value before ratios between policies are computed."""
+"""Lower limit of times [s] and distances [m] in ratios between policies; smaller values are raised to it."""
 MARKS = (0.95, 0.99)
 """Explored fractions; the report counts the episodes that end below each of them."""
 DRIFT = 0.3

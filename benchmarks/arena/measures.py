@@ -15,7 +15,7 @@ class Measures:
     """Performance measures of a task, grouped by the tables and figures that show them."""
 
     def __init__(self, own: Sequence[Measure], progress: str) -> None:
-        """Select from `own`, the measures of a task; `progress` is the `info` key of the task's progress."""
+        """Sort the measures of a task, `own`, by use in reports; `progress` is the `info` key of task progress."""
         self.own, self.progress = tuple(own), progress
         self.all = (*self.own, *COMMON, DECISION, SUCCESS)
         """All measures, in the column order of `episodes.csv`."""
@@ -30,7 +30,7 @@ class Measures:
         self.reached = (
             Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True),
         ) * bool(self.marks)
-        """Whether an episode reached the threshold (1 or 0); empty for tasks without a threshold."""
+        """Measure with value 1 if an episode reached the threshold, else 0; empty for tasks without a threshold."""
         self.decisive = (*self.relative, self.headline)[0]
         """Measure that decides which policy the summary names as best."""
         self.compared = self.headline, *(self.marks or others)
@@ -55,7 +55,7 @@ class Measures:
 
 
 def share_of(mark: Measure) -> Measure:
-    """Return a relative measure: the time or distance `mark`, divided by that of the reference policy."""
+    """Return a new measure: the time or distance measure `mark`, divided by its value for the reference policy."""
     name, label = f"relative_{mark.name}", f"{mark.label}, relative"
     return replace(mark, name=name, label=label, unit="", digits=2, scale=1.0, limit=f"{name}_limit")
 
@@ -63,9 +63,9 @@ def share_of(mark: Measure) -> Measure:
 def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, str]:
     """Format an estimate for a table cell as text and note, such as ("41", "35 to 47") with the 95 % interval.
 
-    If episodes missed a threshold, the text may be a lower bound, and the note counts those that reached it: ("> 310
-    s", "1 of 8"). If all missed it: ("never", "> 300 s"), or without a limit ("> 6.0", "never"). `sign="+"` adds a plus
-    sign to positive values.
+    If some episodes missed a threshold: ("> 310 s", "1 of 8"), a lower bound and the number that reached it. If all
+    missed it: ("never", "> 300 s"), or ("> 6.0", "never") for measures without a limit. `sign="+"` adds a plus sign to
+    positive values.
     """
     numbers = (measure.text(value, sign) for value in estimate[:3])
     middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))

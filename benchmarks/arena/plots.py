@@ -128,7 +128,8 @@ def draw_values(
 ) -> Figure:
     """Plot each policy's estimate and 95 % interval as a row, with a text beside it; `marked` policies are coloured.
 
-    `levels` are positions of vertical lines by label. `are_shares` limits the axis to `MAX_SHARE`.
+    `levels` are labelled vertical lines. `are_shares`: values are relative to the reference policy; the axis ends at
+    `MAX_SHARE`.
     """
     figure = Figure(figsize=(7.0, 1.2 + 0.27 * len(values)))
     axes = figure.subplots()

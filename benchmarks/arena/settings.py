@@ -27,7 +27,7 @@ world, as in the BARN benchmark.
 
 
 def estimator_of(id: str) -> str:
-    """Return the name of the environment argument that selects the pose estimator, `slam` or `localizer`, or ""."""
+    """Return the name of the environment argument for the pose estimator: `slam`, `localizer`, or "" without either."""
     return next((name for name in ("slam", "localizer") if name in arguments_of(id)), "")
 
 
@@ -47,7 +47,7 @@ class Case:
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     def name(self, part: str) -> str:
-        """Return the value of a condition as shown in tables; `part` is `world`, `physics`, `slam` or `people`."""
+        """Return the text of a condition in tables; `part` is its name: `world`, `physics`, `slam` or `people`."""
         value, argument = getattr(self, part), estimator_of(self.id) if part == "slam" else part
         if part == "world" and self.label:
             return self.label
@@ -172,7 +172,7 @@ class Settings(Section):
         return tuple(dict.fromkeys((*self.policies, *self.slam_axis.policies)))
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield conditions and seed of the episodes, with the names of policies to run; without the SLAM comparison."""
+        """Yield conditions, seed and policy names of all episode starts, except those of the SLAM comparison."""
         for case in self._cases(self.worlds, self.robots, self.physics, self.slam, self.people):
             episodes = (case.name("world") in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):

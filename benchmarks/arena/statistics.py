@@ -27,7 +27,7 @@ class Estimate(NamedTuple):
     never: int = 0
     """Number of episodes that never reached the threshold; their value is the time or distance limit."""
     is_bound: tuple[bool, ...] = (False, False, False)
-    """Whether estimate, lower end and upper end are lower bounds, because episodes missed the threshold."""
+    """Whether `iqm`, `low` and `high` are only lower bounds, because episodes did not reach the threshold."""
 
 
 Band = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -71,7 +71,7 @@ def estimate(
 ) -> Estimate:
     """Estimate a statistic with its 95 % bootstrap interval, of zero width for a single episode.
 
-    `strata` has one array per world. `reached`, bool, is False for values that are only lower bounds.
+    `strata` has one array per world. `reached`, bool, has equal shapes: False for lower bounds.
     """
     middle, low, high = map(float, bootstrap(strata, statistic))
     found = Estimate(middle, low, high, sum(map(len, strata)))
@@ -91,12 +91,12 @@ def success_rate(strata: Strata) -> Estimate:
 
 
 def paired_difference(a: Strata, b: Strata) -> Estimate:
-    """Return the interquartile mean of the paired differences a - b."""
+    """Return the interquartile mean of the differences a - b of paired episodes, with its 95 % interval."""
     return estimate([x - y for x, y in zip(a, b, strict=True)])
 
 
 def paired_ratio(a: Strata, b: Strata) -> Estimate:
-    """Return the geometric mean of the paired ratios a / b."""
+    """Return the geometric mean of the ratios a / b of paired episodes, with its 95 % interval."""
     logs = estimate([np.log(x / y) for x, y in zip(a, b, strict=True)], statistic=np.mean)
     middle, low, high = (float(np.exp(number)) for number in logs[:3])
     return Estimate(middle, low, high, logs.n)
@@ -128,5 +128,8 @@ def performance_profile(strata: Strata, thresholds: np.ndarray) -> Band:
 
 
 def curve_band(strata: Strata) -> Band:
-    """Return the interquartile mean of curves, shape (episodes, points) per world, with 95 % interval."""
+    """Return the average curve of all episodes (interquartile mean at each point) with 95 % bootstrap interval.
+
+    `strata` has one array per world, shape (episodes, points).
+    """
     return bootstrap(strata, interquartile_mean, NUM_CURVE_RESAMPLES)

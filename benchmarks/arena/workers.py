@@ -51,7 +51,7 @@ class Job:
 
     @property
     def conditions(self) -> tuple[Any, ...]:
-        """Environment settings as a key; episodes with equal keys share an environment object."""
+        """Environment settings; episodes with equal settings share an environment object."""
         return self.case, repr(self.policy.arguments)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:

@@ -43,16 +43,14 @@ TRACKING_TIME, KIDNAPPED_AT, RECOVERY_TIME = 60.0, 20.0, 90.0
 MAX_POSITION_ERROR, MAX_HEADING_ERROR = 0.5, math.radians(20.0)
 """Maximum errors of a correct pose estimate [m, rad]."""
 MIN_CORRECT_TIME = 5.0
-"""Minimum time of correct estimates at the end of a successful localization [s]."""
+"""A localization succeeds if the pose estimate is correct for at least this time until the end of the drive [s]."""
 START_STD = (0.05, 0.05, 0.05)
 """Standard deviations of AMCL's initial pose (x, y, heading) in simulated worlds [m, m, rad]."""
 LOG_START_STD = (0.1, 0.1, 0.05)
 """Standard deviations of AMCL's initial pose (x, y, heading) on the log of a real robot [m, m, rad]."""
 LOG_SEEDS = range(100, 105)
 SHARE_OF_HITS = 16
-"""Minimum percentage of hits for an occupied map cell, among beams that hit or cross the cell.
-
-Equivalent to log-odds with probability 0.9 for a hit and 0.4 for a crossing, as in Hector SLAM."""
+"""A map cell is occupied if at least this percentage of the lidar beams that reach it end in it (as in Hector SLAM)."""
 HIT_COUNTS = TinySlamParams(
     resolution=0.05,
     map_width=60.0,
@@ -64,7 +62,7 @@ HIT_COUNTS = TinySlamParams(
     raw_quality=1.0,
     skip_exceeding=True,
 )
-"""Mapping parameters of `reference_map`: cells store hits, as a percentage of beams that hit or cross the cell."""
+"""Mapping parameters: each cell stores the percentage of beams that end in it, among those that reach it."""
 NAV2_PROB = replace(PRESETS["nav2"], sensor="likelihood_field_prob")
 NO_RELOCALIZATION = replace(PRESETS["default"], relocalize=False)
 FILTERS = {
@@ -108,9 +106,9 @@ def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: f
 
 
 def symmetries(grid: OccupancyGrid, share: float = 0.9) -> list[Pose2D]:
-    """Return the rotational symmetries of a map (multiples of 30 degrees) as motions in the map frame.
+    """Return the rotations (30, 60, ..., 330 degrees) that map a grid onto itself, as motions in the map frame.
 
-    At least a `share` of the occupied cells must land within two cells of an occupied cell.
+    At least a `share` of the rotated occupied cells must lie within two cells of an occupied cell.
     """
     occupied = grid.data == OCCUPIED
     distances = ndimage.distance_transform_edt(~occupied)
@@ -162,7 +160,7 @@ def compare_amcl(
 
 
 def time_quantile(times: Sequence[float], share: float) -> float | None:
-    """Return a quantile of times until an event, such as relocalization (inf if never); None if it is infinite."""
+    """Return a quantile of event times, which are inf for events that never happened; None if the quantile is inf."""
     if math.isinf(np.quantile(times, share, method="higher")):
         return None
     return float(np.quantile(np.nan_to_num(times), share))
@@ -224,7 +222,7 @@ def compare_on_log(log: Path = LOG) -> list[Row]:
 
 
 def load_reference(path: Path, num_scans: int | None = None) -> tuple[Log, Drive]:
-    """Read at most `num_scans` scans of a log, and the reference poses relative to the first pose."""
+    """Return the first `num_scans` scans of a log, and a drive with reference poses relative to the first pose."""
     log = load_log(path)
     log = replace(log, scan_rows=log.scan_rows[:num_scans], ranges=log.ranges[:num_scans])
     with np.load(path) as arrays:

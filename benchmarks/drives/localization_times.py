@@ -23,7 +23,6 @@ from lidarnaut.envs.tasks.goals import known_map
 
 REPEATS = 5
 PARTICLE_TIMES = {"0": 0.0, "1": 0.2, "2": 3.0, "3": 15.0}
-"""Times from the start of global localization to plots of the particles [s], by panel of the figure."""
 
 
 def time_amcl(picture: Path | None = None) -> list[Row]:
@@ -54,7 +53,7 @@ def time_amcl(picture: Path | None = None) -> list[Row]:
 
 
 def cost_by_size(setup: Setup, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run global localization; return time [s], number of particles, and duration [us] of each AMCL update."""
+    """Simulate global localization; return time [s], number of particles, and duration [us] of each AMCL update."""
     drive, params = record_from_anywhere(setup, np.random.SeedSequence(seed), 30.0), PRESETS["default"]
     amcl, grid = Amcl(setup.robot.lidar, params), known_map(setup.area)
     localize(amcl, grid, drive, seed, None)  # compiles

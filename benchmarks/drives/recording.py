@@ -58,7 +58,7 @@ class Drive:
     """True poses (x, y, heading) in the world frame, or reference poses of a log: shape (n, 3), float64 [m, m, rad]."""
 
     def then(self, other: "Drive", scans: int) -> "Drive":
-        """Return a drive that kidnaps the robot: the first `scans` scans, then `other`, without odometry in between."""
+        """Return a drive with a kidnapped robot: the first `scans` scans, then `other`, without odometry in between."""
         pairs = (self.ranges, other.ranges), (self.motions, other.motions), (self.truth, other.truth)
         return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
 
@@ -126,9 +126,9 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
 
 
 def right_since(is_right: np.ndarray, hold: float) -> float:
-    """Return the time when a pose estimate becomes correct for good [s]; inf if it is wrong in the last `hold` [s].
+    """Return the time after which a pose estimate stays correct until the end [s].
 
-    `is_right` has one flag per scan.
+    `is_right` has one flag per scan. Returns inf if an estimate of the last `hold` [s] is wrong.
     """
     if not is_right[-round(hold / PERIOD) :].all():
         return math.inf
@@ -137,7 +137,7 @@ def right_since(is_right: np.ndarray, hold: float) -> float:
 
 
 def first_time(flags: np.ndarray) -> float:
-    """Return the time of the first True flag [s], with one flag per scan; inf if none."""
+    """Return the time of the first scan whose flag is True [s]; inf if there is none."""
     return float(np.argmax(flags)) * PERIOD if flags.any() else math.inf
 
 

@@ -19,7 +19,6 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 
 ID = "lidarnaut:lidarnaut/Explore-v0"
 ACTION_REPEAT, NUM_ACTIONS = 10, 500
-"""Number of steps with the same random action, so that robots travel, and number of different actions."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
 FEWEST_ENVS, MOST_ENVS = 16, 256
 """Smallest and largest number of sub-environments of the compared vector environments."""
@@ -61,7 +60,7 @@ class Case(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """Running environments of one design, with functions to step and close them."""
+    """Functions that step and close the running environments of one design."""
 
     step: Callable[[int], object]
     close: Callable[[], object]

@@ -17,9 +17,8 @@ from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, Case, Design, Drive,
 
 SLAMS = ("tinyslam", "truth")
 WARM_UP = 5000
-"""Number of warm-up steps, divided among sub-environments; each takes at least 20 and at most 100."""
 GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "num_envs": (1, 4, 16, 64, 256, 1024)}
-"""Values of each quantity whose effect on the step time is measured; `map_cells` is the number of cells along 20 m."""
+"""Problem sizes for measurements of the step time: lidar beams, map cells along 20 m, and sub-environments."""
 STATE_ENVS = (4, 12)
 Call = Callable[..., Any]
 
@@ -66,7 +65,7 @@ def steps_per_second(case: Case, seconds: float) -> float:
 def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repeats: int) -> dict[Case, float]:
     """Return median steps per second of environment designs, measured in turn so that other load affects all equally.
 
-    `calls` are functions that run code in a pinned process, by number of cores.
+    `calls` maps a number of CPU cores to a function that runs code in a process pinned to these cores.
     """
     turns = [case for case in cases if case.design.cores in calls]
     for cores, call in calls.items():

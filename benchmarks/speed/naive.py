@@ -27,7 +27,6 @@ PHYSICS_HZ = 240
 CROP_SIZE, PIXEL = 64, 0.125
 """Side of the observed map image [pixels], and side of a pixel [m]."""
 QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
-"""Sample points to find the true explored cells under a map cell: centres of its quarters, shape (4, 2) [cells]."""
 
 
 class NaivePhysics:

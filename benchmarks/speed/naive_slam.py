@@ -36,8 +36,8 @@ def match(
 ) -> Pose2D:  # fmt: skip
     """Return the pose that best matches scan points to a map, by random search around `pose` [cells, cells, rad].
 
-    `sigma` is the standard deviation of candidate poses in position [cells] and heading [rad]. `weights` penalize
-    squared deviations from `pose`. `noise` is standard normal, shape (tries, 3).
+    `sigma` is the standard deviation of the search in position [cells] and heading [rad]. `weights` penalize squared
+    deviations from `pose`. `noise` is standard normal, shape (tries, 3).
     """
     spread, costs = np.array([sigma[0], *sigma]), np.array([weights[0], *weights])
     best_pose, failed = np.array(pose), 0

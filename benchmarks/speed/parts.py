@@ -15,10 +15,8 @@ from lidarnaut.envs.worlds import load_world
 
 ROOMS = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
 NUM_DECIDING = (1, 16, 64, 256)
-"""Numbers of sub-environments in the benchmark of frontier decisions."""
 NUM_AMONG_PEOPLE = 64
 WARM_UP, SLICES = 3, 6
-"""Number of warm-up steps, and number of time slices for alternating measurements of the variants."""
 
 
 def physics(repetitions: int) -> list[dict[str, Any]]:

@@ -32,10 +32,10 @@ def cast_rays_in_numpy(
 
 
 def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
-    """Downsample an occupancy grid, shape (height, width), int8, to square blocks: shape (3, rows, columns), uint8.
+    """Downsample an occupancy grid, shape (height, width), int8, to coarse cells of `block` x `block` grid cells.
 
-    Channels are: any cell occupied, share of free cells, visited; `visited` are robot cells (row, column), shape (n,
-    2).
+    Returns shape (3, rows, columns), uint8: any grid cell occupied, share of free grid cells, visited. `visited` are
+    grid cells of the robot (row, column), shape (n, 2).
     """
     rows, cols = -(-data.shape[0] // block), -(-data.shape[1] // block)
     margins = ((0, rows * block - data.shape[0]), (0, cols * block - data.shape[1]))
