@@ -142,7 +142,7 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
 
     Raises:
         ValueError: if the device or a hyperparameter is invalid.
-        CheckpointError: if `network.prior_policy` is not a frontier score.
+        CheckpointError: if the folder in `network.prior_policy` does not contain a trained frontier score.
     """
     if config.device == "cuda" and not torch.cuda.is_available():  # stable-baselines3 would silently use the CPU
         raise ValueError("device is 'cuda', but torch finds no GPU; allowed values are 'cpu' and 'auto'")

@@ -45,8 +45,8 @@ def pursue(
 ) -> Twist:
     """Return the velocity command towards a point ahead on the path, or `twist` if an obstacle is in the way.
 
-    `frontiers`: navigator whose path is followed. `twist`: the navigator's command. `obstacles`: points, shape (n, 2),
-    float64, base frame [m].
+    `frontiers`: navigation stack that drives to a frontier along this path. `twist`: command of this stack.
+    `obstacles`: points, shape (n, 2), float64, base frame [m].
     """
     navigator = frontiers.navigator
     if navigator.is_recovering or navigator.plan is None:

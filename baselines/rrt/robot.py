@@ -8,7 +8,7 @@ from lidarnaut.envs.robots import RobotParams
 
 
 class RrtRobot(TeamRobot):
-    """Drives to frontier cells near the frontier points of random trees."""
+    """Robot of a team that drives to frontiers found by random trees (RRT)."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: RrtParams, index: int) -> None:
         super().__init__(robot, control_period, index, patience=params.patience)

@@ -1,4 +1,4 @@
-"""Throughput and memory of environment designs, in processes pinned to CPU cores."""
+"""Measurement of steps per second and memory of environments, in processes pinned to CPU cores."""
 
 import contextlib
 import gc

@@ -1,6 +1,6 @@
-"""Array access and record types in Numba functions, also with compilation disabled.
+"""Fast scalar array reads, and types of record arrays, for Numba functions.
 
-On Intel servers with the Downfall mitigation, compiled gather instructions are slower than the scalar loads of `load`.
+Scalar reads avoid gather instructions, which are slow on Intel processors with the Downfall mitigation.
 """
 
 import operator

@@ -225,7 +225,7 @@ class FrontierNavigator:
         return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:
-        """Update map, odometry and obstacles with a reading; return the progress of the drive, such as `DRIVING`."""
+        """Update the navigator with a sensor reading in each control period of a drive; return the drive's status."""
         self.integrate(belief)
         return self.navigator.update(reading, belief.pose, others)
 

@@ -51,7 +51,7 @@ class FollowerParams:
     nearness_time: float = 0.6
     """Minimum time to close the gap to an obstacle [s]; limits the speed near obstacles."""
     margin: float = 0.4
-    """Distance kept from obstacles, in robot radii, at most 0.03 m; minus 1.5 standard deviations of lidar noise."""
+    """Margin around the footprint for obstacles, as a fraction of the robot's radius; at most 0.03 m."""
     sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
     """Rotations of the lookahead point to either side, tried to steer past obstacles [rad]."""
     braking: float = 0.5

@@ -36,7 +36,7 @@ HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
 LINE_TIME = 1.0
 """Duration of straight driving, after a velocity command, that counts for nearness to walls [s]."""
 NEAR_WALL, NEAR_PERSON, DECAY_TIME = 0.4, 0.8, 1.5
-"""Nearness to walls and people is 0 from these gaps on [m]; nearness to people decays with this time constant [s]."""
+"""Gaps to walls and to people above which the closeness features are 0 [m]; decay time of closeness to people [s]."""
 SMALL_GAP = 0.1
 """Gap to walls that is normalized to 1 [m]; larger gaps are clipped."""
 MAX_POINTS, MAX_RANGE = 120, 6.0

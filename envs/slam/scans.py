@@ -107,9 +107,10 @@ def scans_window(ranges, poses, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def walk(d_row, d_col, width):
-    """Return a straight line over grid cells: number of steps, sideways motion per step, and two cell index increments.
+    """Prepare a walk along a straight line of grid cells, in integer arithmetic (as Bresenham's line, 1965).
 
-    Unit of sideways motion: 2^-32 cells. The increments are for each step, and for each cell of sideways motion.
+    Returns the number of steps, the motion across the main axis per step [2^-32 cells], and the changes of the flat
+    cell index per step and per cell across.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

@@ -17,8 +17,8 @@ TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
 """Indices in the task's state array: goal tolerance [m]; 1 if contact ends the episode; origin (x, y) and cell size of
 the grid of geodesic distances [m]; geodesic distance from start to goal [m]."""
 PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
-"""Indices in the task's state array of reward terms of the last control period: decrease of the geodesic distance [m],
-duration [s], collision, closeness to obstacles, closeness to people."""
+"""Indices in the task's state array: reward quantities of the last control period (decrease of the geodesic distance
+[m], duration [s], collision, closeness to obstacles, closeness to people)."""
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
 """Indices in the task's state array: end reason; straight and geodesic distance to the goal [m]; driven fraction of the
 initial geodesic distance; 1 if the goal is reached."""
