@@ -21,9 +21,9 @@ UNCHECKED = -1
 def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_from):
     """Simulate a robot that follows its navigator for up to `max_steps` control periods.
 
-    Stops earlier at the goal, on failure, for the next scan matching, or when the random numbers in `draws` are used up.
-    `rows`: robot state. `ranges`: lidar scan. `world_arrays`: segments and circles of the world,
-    and `People.arrays`. `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of
+    Stops earlier at the goal, on failure, before the next scan matching, for checks in Python, or when the random
+    numbers in `draws` are used up. `rows`: robot state. `ranges`: lidar scan. `world_arrays`: segments and circles of
+    the world, and `People.arrays`. `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of
     `record_positions`. `check_from`: first control period with a check in Python.
 
     Returns:
