@@ -49,7 +49,7 @@ def probabilities(words: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def observe(word, target):
-    """Return a packed map cell, int32, updated by an observation: `target` is the observed occupancy [2^-18]."""
+    """Return a packed map cell (int32) updated by an observed occupancy, `target`, in units of 2^-18."""
     count, value = word & MAX_COUNT, word >> COUNT_BITS
     value += ((target - value) * _GAINS[np.uint64(count)] + _GAIN_ONE // 2) >> 24
     return (value << COUNT_BITS) | min(count + 1, MAX_COUNT)
@@ -64,10 +64,9 @@ def _weighted(prob, quality):
 def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells):
     """Insert a scan into an occupancy grid; return the number of cells observed for the first time.
 
-    Cells along a beam are observed as free, and the endpoint of a return as occupied. Occupancy rises along a ramp
-    before this endpoint, unless the beam is shorter. `words`: packed cells, shape (height, width), int32. `occupancy`:
-    same shape, int8 [percent]. `quality`: weight of the scan from 0 to 1. `new_cells` receives row and column, shape
-    (n, 2), int32. Scan arguments as in `beam_ends`.
+    Cells along a beam are observed as free, and the endpoint of a return as occupied, with a gradual rise before it.
+    `words`: packed cells, shape (height, width), int32. `occupancy`: same shape, int8 [percent]. `quality`: weight of
+    the scan from 0 to 1. `new_cells` receives row and column, shape (n, 2), int32. Scan arguments as in `beam_ends`.
     """
     (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
     width = words.shape[1]

@@ -91,7 +91,7 @@ class KeyScanSlam(ABC):
     """
 
     meets_people = False
-    """Whether people are near; limits log-odds of map cells to `MAX_LOG_ODDS_WITH_PEOPLE`."""
+    """Whether the robot tracks people; log-odds of map cells are then limited to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
     """Beams to exclude from the next scan matching but not from mapping, shape (num_beams,), bool; None for none."""
     shares_maps = True

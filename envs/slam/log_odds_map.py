@@ -31,11 +31,11 @@ class LogOddsModel(NamedTuple):
     """Inverse sensor model: log-odds that a scan adds to map cells."""
 
     hit: int
-    """Log-odds added to a cell with a beam endpoint [1/512]."""
+    """Log-odds added to a cell with a beam endpoint [units of 1/512]."""
     passed: int
-    """Negative log-odds added to a cell that a beam passes [1/512]."""
+    """Negative log-odds added to a cell that a beam passes [units of 1/512]."""
     bound: int
-    """Maximum absolute log-odds of a cell [1/512]."""
+    """Maximum absolute log-odds of a cell [units of 1/512]."""
 
     @classmethod
     def of(cls, params: MatchingParams) -> Self:
@@ -99,12 +99,12 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
-    """Insert scans into all map resolutions; return the number of finest cells first observed by the last scan.
+    """Insert scans into a map at all resolutions; return the number of cells first observed by the last scan.
 
     `words` (packed cells, int32) and `levels` (occupancies, int8 [percent]) are tuples of arrays, finest first.
     `ranges`: shape (n, num_beams), float32 [m]. `poses`: base poses, shape (n, 3), map frame [m, m, rad]. `stamp`:
-    number of the first scan; numbers must be unused. `new_cells` receives their row and column, shape (n, 2), int32.
-    See `beam_ends`.
+    number of the first scan, higher than in all cells. `new_cells` receives row and column of new finest cells, shape
+    (n, 2), int32. See `beam_ends`.
     """
     num_new, width = 0, words[0].shape[1]
     for i in range(ranges.shape[0]):
@@ -140,7 +140,8 @@ class LogOddsMap(GrowingMap):
         height, width = self.grid.data.shape
         shapes = [(height >> k, width >> k) for k in range(params.num_levels)]
         self.words = [np.zeros(shape, dtype=np.int32) for shape in shapes]
-        """Packed cells by resolution, shape (height, width) / 2^level, int32."""
+        """Map cells as integers (log-odds and scan number), one array per resolution, shape (height, width) / 2^level,
+        int32."""
         self._coarser = [np.full(shape, UNKNOWN, dtype=np.int8) for shape in shapes[1:]]
 
     @property
@@ -154,10 +155,10 @@ class LogOddsMap(GrowingMap):
         return MapUpdate(self._new_cells[:count].copy(), window, origin=self.grid.origin)
 
     def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[Window, int]:
-        """Insert 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m], into the map.
+        """Insert scans, shape (n, num_beams), float32 [m], into the map; n is at most `MAX_STAMP - 1`.
 
-        `poses`: base poses, shape (n, 3), float64, map frame. Returns the block of observed cells, and the number of
-        cells first observed by the last scan.
+        `poses`: base poses, shape (n, 3), float64, map frame. Returns the rectangle of observed cells, and the number
+        of cells first observed by the last scan.
         """
         window = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:

@@ -23,7 +23,7 @@ class SearchParams(NamedTuple):
     max_tries: int
     unvisited: int
     position_penalty: float = 0.0
-    """Score penalty per squared distance from the predicted pose [1/cells^2], in units of 2^-18."""
+    """Score penalty per squared distance from the predicted pose [1/cells^2]; a fully occupied cell scores 2^18."""
     heading_penalty: float = 0.0
 
 
@@ -69,7 +69,7 @@ def search_params(params: TinySlamParams) -> SearchParams:
 
 @njit(cache=True, error_model="numpy")
 def score(words, unvisited, points, num_points, x, y, theta, indices):
-    """Return the sum of map occupancies at the scan points, in units of 2^-18, for a pose [cells, cells, rad].
+    """Return the sum of map occupancies at the scan points for a pose [cells, cells, rad]; 2^18 is one occupied cell.
 
     Points outside the map count as unobserved. `words`: packed map cells. `points`: shape (2, >= num_points), float32,
     base frame [cells].
@@ -102,7 +102,7 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
 
 @njit(cache=True, error_model="numpy")
 def penalty(params, pose, x, y, theta):
-    """Return the penalty of a pose for its distance from the predicted pose, in units of 2^-18."""
+    """Return the score penalty of a tested pose, which grows with the squared distance from the predicted pose."""
     dx, dy, turn = x - pose[0], y - pose[1], theta - pose[2]
     return round(params.position_penalty * (dx * dx + dy * dy) + params.heading_penalty * turn * turn)
 
@@ -111,7 +111,6 @@ def penalty(params, pose, x, y, theta):
 def match(words, points, num_points, pose, params, noise, trace):
     """Find the best pose of a scan in a map by random sampling around the best pose so far.
 
-    An improvement after more than a third of the allowed failures halves the spread and restarts the count of failures.
     `points`: scan points, shape (2, >= num_points), float32, base frame [cells]. `pose`: x, y from the map's corner
     [cells] and heading [rad]. `noise`: standard normal, shape (max_tries, 3). `trace` receives poses, scores and
     improvement flags, shape (max_tries + 1, 5).

@@ -25,7 +25,7 @@ from .slam_params import LoopClosureParams
 NUM_SCANS = 20
 """Maximum number of recent scans merged for a relocalization search."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Numbers of scans: before the first relocalization search; between searches, doubled after each failure; maximum
+"""Relocalization schedule in scans: before the first search, between searches (doubled after each failure), and maximum
 between searches."""
 COARSE_CELL = 0.1
 NUM_LEVELS = 6
@@ -37,18 +37,17 @@ FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 NEAR_DISTANCE = 2.0
 """Relocalized poses within this distance of the odometry pose are accepted on less evidence [m]."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
-"""Evidence to accept a relocalized pose near the odometry pose, and elsewhere; maximum evidence from one search.
-Evidence: fit of the pose to the map minus fit of the best alternative, summed over successive searches that agree."""
+"""Evidence to accept a relocalized pose: minimum near the odometry pose, minimum elsewhere, and maximum from one
+search. Evidence is the fit to the map minus the fit of the best alternative, summed over searches that agree."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
 """Distance [m] and angle [rad] below which two candidate poses of relocalization count as equal."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
-"""Search for alternatives to a relocalized pose: minimum distance [m] or angle [rad] from it, and maximum score
-deficit."""
+"""Alternatives to a relocalized pose: minimum distance [m] or angle [rad] from it, and maximum difference in score."""
 LEAST_LEAD = 0.05
-"""Minimum lead in fit of the best pose over alternatives. Fit: fraction of scan points on walls, minus points in free
-space and beams through walls."""
+"""Minimum difference in fit between a relocalized pose and the next-best one. Fit: fraction of scan points on walls,
+minus points in free space and beams through walls."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""Test for a lost robot by beams through occupied cells: maximum fraction of beams, minimum number of tested beams, and
+"""Criterion for a lost robot: maximum fraction of beams through occupied cells, minimum number of tested beams, and
 number of consecutive scans above the maximum."""
 RECOVERY_SCANS = 4
 """Number of consecutive scans that fit the map and end the lost state without relocalization."""
@@ -72,7 +71,7 @@ class LocalizationMonitor:
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
-        """Whether people are near; beams through occupied cells are then ignored."""
+        """Whether the robot tracks people; beams through occupied cells are then ignored."""
         self.reset()
 
     def reset(self) -> None:

@@ -8,7 +8,6 @@ from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
-"""Initial sideways offset of a line traced through grid cells, just below half a cell [2^-32 cells]."""
 
 
 class ScanGeometry(NamedTuple):
@@ -107,10 +106,10 @@ def scans_window(ranges, poses, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def walk(d_row, d_col, width):
-    """Prepare a walk along a straight line of grid cells, in integer arithmetic (as Bresenham's line, 1965).
+    """Prepare line tracing through grid cells (as Bresenham, 1965), in integer arithmetic.
 
-    Returns the number of steps, the motion across the main axis per step [2^-32 cells], and the changes of the flat
-    cell index per step and per cell across.
+    Returns the number of steps, the slope times 2^32, and the changes of the flat cell index per step along and across
+    the main axis.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

@@ -64,7 +64,8 @@ class TinySlamParams(SlamParams):
     hole_width: NotNegative = 1.5
     """Length before a beam endpoint over which occupancy rises from free to occupied [m]; 0 for none."""
     blur: Literal["add", "assign"] = "add"
-    """Occupancy rise before a beam endpoint: from `empty_prob` ("add", original program) or from 0 ("assign")."""
+    """Lowest value of the occupancy rise before a beam endpoint: `empty_prob` ("add", original program) or 0
+    ("assign")."""
     prior_weight: NotNegative = 0.0
     """Weight of the squared Mahalanobis distance from the predicted pose in the matching cost; 0 for none (original
     program). A scan point in a free cell costs about 1."""
@@ -102,8 +103,8 @@ class MatchingParams(SlamParams):
     retry_angle: Positive = 0.35
     """Half angle of the wider search after a poor match [rad]."""
     retry_gain: NotNegative = 0.05
-    """Minimum increase of the summed occupancy of known cells, per scan point, to accept the result of the wider
-    search."""
+    """Minimum gain to accept the wider search after a poor match: increase of the summed occupancy of known cells, per
+    scan point."""
     min_known_score: Share = 0.7
     """Minimum mean occupancy of known cells at the scan points; otherwise the scan does not fit the map, and the pose
     follows odometry."""
@@ -142,7 +143,7 @@ class LoopClosureParams:
     max_free: Share = 0.15
     """Maximum fraction of scan points in free cells without occupied neighbours."""
     min_agreement: Share = 0.75
-    """Minimum fraction of scan points in known surroundings that are on or next to occupied cells."""
+    """Minimum fraction of scan points on or next to occupied cells; points in unknown surroundings are not counted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
@@ -158,7 +159,8 @@ class GraphSlamParams(HectorParams):
     submap_spacing: Count = 20
     """Number of nodes (scans) between submap starts; a submap holds twice as many."""
     correlation: Positive = 5.0
-    """Factor on the covariance of a node pose in its submap, because errors of neighbouring nodes are correlated."""
+    """Factor that enlarges the covariance of a node pose in its submap, because errors of successive nodes are
+    correlated."""
     node_sigma_xy: Positive = 0.03
     """Minimum standard deviation of a node position in its submap [m]."""
     node_sigma_theta: Positive = 0.008
@@ -186,7 +188,7 @@ class GraphSlamParams(HectorParams):
     urgent_correction: NotNegative = 0.1
     """Position correction by a loop closure above which the pose graph is optimised at once [m]."""
     max_iterations: Count = 5
-    """Maximum iterations of a pose-graph optimisation; one iteration runs per matched scan."""
+    """Maximum number of iterations per pose-graph optimisation, spread over time: one per matched scan."""
     tolerance: Positive = 1e-4
     """Pose change below which pose-graph optimisation ends [m or rad]."""
     redraw_distance: NotNegative = 0.1
@@ -194,7 +196,7 @@ class GraphSlamParams(HectorParams):
     redraw_angle: NotNegative = 0.02
     """Heading change of a node above which the map is rebuilt [rad]."""
     cells_per_scan: Count = 1_000_000
-    """Work limit while the map is rebuilt: maximum number of cells along inserted beams per new scan."""
+    """Maximum work per new scan while the map is rebuilt, in cells along the inserted beams."""
     final_passes: Annotated[int, Field(ge=0)] = 1
     """Number of times that all scans are matched to the rebuilt map when SLAM ends (`finish`)."""
 
@@ -217,7 +219,8 @@ class GMappingParams(MatchingParams):
     resample_below: Share = 0.5
     """Effective sample size, divided by the number of particles, below which particles are resampled."""
     switch_margin: NotNegative = 2.0
-    """Lead in log-likelihood that makes another particle the best, whose pose and map are the SLAM estimate."""
+    """Minimum lead in log-likelihood for another particle to replace the best one, whose pose and map are the SLAM
+    estimate."""
 
 
 Params = TinySlamParams | HectorParams | GraphSlamParams | GMappingParams

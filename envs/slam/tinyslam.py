@@ -20,8 +20,8 @@ LOST_SCANS = 3
 WIDE_SPREAD = (0.3, 0.2)
 """Standard deviations of sampled positions [m] and headings [rad] in a second, wider search after a poor match."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
-"""Minimum number of scan points in known cells to judge a match; minimum mean occupancy of these cells after a first
-search, and a second, wider search."""
+"""Test whether a scan fits the map: minimum number of scan points in known cells, minimum mean occupancy of these
+cells, and higher minimum after a second, wider search."""
 
 
 class KnownPoses(KeyScanSlam):

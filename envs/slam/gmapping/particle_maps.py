@@ -74,8 +74,8 @@ def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp,
 def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, number, stamp, ends, first):
     """Insert a scan into the maps of particles with `is_integrated` set, from particle `first` on.
 
-    Returns the number of particles, or the index of the particle whose map is incomplete because the pool of map tiles
-    is full. Other arguments as in `log_odds_map.integrate_scans`.
+    Returns the number of particles, or the index of the particle to continue with if the pool of map tiles is full.
+    Other arguments as in `log_odds_map.integrate_scans`.
     """
     for p in range(first, maps.slots.shape[0]):
         if is_integrated[p]:
@@ -89,10 +89,10 @@ def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, num
 
 @njit(cache=True, error_model="numpy")
 def render_tiles(maps, particle, shown, after, occupancy, new_cells):
-    """Copy changed tiles of a particle's map to an occupancy grid; return number of new known cells and changed area.
+    """Copy changed tiles (square blocks of cells) of a particle's map to an occupancy grid.
 
-    A tile is a square block of cells. `shown`: slot number of each tile in the grid, shape (num_tiles,), int32.
-    `after`: number of the last scan in the grid. `new_cells` receives row and column of new known cells.
+    Returns the number of new known cells and the rectangle of changes. `shown`: slot number of each tile in the grid,
+    shape (num_tiles,), int32. `after`: number of the last scan in the grid. `new_cells` receives row and column.
     """
     pool, wide = maps.pool, maps.tiles_wide
     num_new = 0
@@ -116,7 +116,7 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
 
 
 class ParticleMaps(GrowingMap):
-    """Maps of all particles in tiles (square blocks of cells); `grid` is a copy of one map."""
+    """Maps of all particles, with shared tiles (square blocks of cells); `grid` shows the best particle's map."""
 
     def __init__(self, params: GMappingParams, lidar: LidarParams) -> None:
         super().__init__(params, lidar, block=TILE)

@@ -44,7 +44,7 @@ class Proposals(NamedTuple):
     covariances: np.ndarray
     """Proposal covariances, shape (num_particles, 3, 3) [m^2, rad^2]."""
     log_likelihoods: np.ndarray
-    """Log importance weights of the scan, up to a common constant."""
+    """Log importance weight of each particle for the current scan, up to a common constant, shape (num_particles,)."""
     num_known: np.ndarray
     known_scores: np.ndarray
     fits: np.ndarray

@@ -18,7 +18,7 @@ TILE_BITS = 5
 TILE = 1 << TILE_BITS
 """Side of a map tile [cells of the finest resolution]."""
 EMPTY = 0
-"""Pool slot with the tile of unknown cells, shared and read-only."""
+"""Slot number of the tile of unknown cells, which all maps share and no scan changes."""
 
 
 class TilePool(NamedTuple):
@@ -39,7 +39,7 @@ class TilePool(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def level_start(level):
-    """Return the start index of a map resolution in a tile's cells, finest resolution first."""
+    """Return the index of the first cell of a map resolution in a tile, which stores the finest resolution first."""
     whole = 4 << (2 * TILE_BITS)
     return (whole - (whole >> (2 * level))) // 3
 
@@ -68,7 +68,8 @@ def enlarge_pool(pool: TilePool) -> TilePool:
 def own_tile(pool, index, tile, number):
     """Make a map tile writable, by a copy if other maps share it; return its slot number, or -1 if the pool is full.
 
-    `index`: slot numbers of the map, shape (num_tiles,), int32. `number`: number of the scan to insert.
+    `index`: slot numbers of the map's tiles, shape (num_tiles,), int32. `number`: current scan, stored in
+    `pool.written`.
     """
     slot = index[tile]
     if slot == EMPTY or pool.references[slot] > 1:
@@ -88,7 +89,7 @@ def own_tile(pool, index, tile, number):
 def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
     """Replace each map i by a copy of map `parents[i]`, with shared tiles.
 
-    `index`: pool slots of the tiles, shape (num_maps, num_tiles), int32. `parents`: shape (num_maps,), int64.
+    `index`: slot number of each map's tiles, shape (num_maps, num_tiles), int32. `parents`: shape (num_maps,), int64.
     """
     index[:] = index[parents]
     used = pool.references > 0

@@ -26,8 +26,7 @@ HALF_ANGLE, HALF_ANGLE_GROWTH, MAX_HALF_ANGLE = 0.1, 0.015, 0.6
 """Half angle of a loop-closure search: minimum [rad], growth per metre of path between the scans [rad/m], maximum
 [rad]."""
 MAX_DISTANCE = 4.0
-"""Maximum distance to the nearest scan of a submap for a loop-closure search [m]. Half of the search's half width is
-added."""
+"""Maximum distance between a scan and a submap for a loop-closure search [m]; more for large search windows."""
 MAX_UNCONFIRMED = 0.25
 """Maximum position correction of a loop closure that needs no confirmation [m]."""
 CONFIRMATION_NODES, CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE = 25, 0.2, 0.05
@@ -36,7 +35,7 @@ NUM_LEVELS = 5
 MAX_RANGE, MAX_POINTS = 12.0, 1200
 """Maximum range [m] and maximum number of scan points matched in a loop-closure search."""
 SEARCH_SHARE = 0.8
-"""Fraction of the minimum loop-closure score that branch and bound must reach, before refinement."""
+"""Minimum score of a loop closure before Gauss-Newton refinement, divided by the minimum score after it."""
 NUM_SKIPPED_SUBMAPS = 2
 """Number of newest finished submaps to skip, because the robot has just left them."""
 FIELD_PARAMS: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
@@ -58,7 +57,7 @@ class Loop(NamedTuple):
 
 
 def window_size(path_length: float) -> tuple[float, float]:
-    """Return half width [m] and half angle [rad] of a loop-closure search, for a path length in the graph [m]."""
+    """Return half width [m] and half angle [rad] of a loop-closure search; both grow with the distance driven [m]."""
     return (
         min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, MAX_HALF_WIDTH),
         min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE),
@@ -199,7 +198,7 @@ class Confirmation:
         self._pending: list[Loop] = []
 
     def add(self, loop: Loop) -> list[Loop]:
-        """Add a loop closure; return the loop closures accepted now: none, only `loop`, or also an earlier one."""
+        """Add a loop closure; return those accepted now: none, only `loop`, or also an earlier one that agrees."""
         self._pending = [each for each in self._pending if loop.node - each.node <= CONFIRMATION_NODES]
         if distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y) <= MAX_UNCONFIRMED:
             return [loop]

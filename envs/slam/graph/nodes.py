@@ -18,7 +18,7 @@ FINAL_STDS = np.array([0.05, 0.05, 0.01])
 
 
 class NodeStore(KeyScans):
-    """Scans of all graph nodes, and node ranges of submaps.
+    """Scans of all pose-graph nodes, and first and last node of each submap.
 
     Poses are in the local frame (scan matching without loop-closure corrections). A submap frame has its origin at the
     first node.
@@ -51,7 +51,6 @@ class NodeStore(KeyScans):
         return self._travelled.rows
 
     def break_off(self) -> None:
-        """Mark that odometry does not connect earlier nodes with later nodes."""
         self._first_joined = len(self)
 
     def add_submap(self, travelled: float) -> int:
@@ -70,7 +69,7 @@ class NodeStore(KeyScans):
         return node
 
     def submap_pose(self, submap: int) -> Pose2D:
-        """Return the pose of a submap frame, with heading 0, in the local frame."""
+        """Return the pose of a submap without loop-closure corrections: position of its first node, heading 0."""
         x, y, _ = self.poses[self.spans[submap, 0]].tolist()
         return Pose2D(x, y, 0.0)
 
@@ -88,7 +87,7 @@ class NodeStore(KeyScans):
 
 
 class MapRendering:
-    """Map that is rebuilt from the scans of all nodes in several calls."""
+    """Map that is rebuilt from the scans of all nodes, some scans per call to limit the time."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams) -> None:
         self.map = LogOddsMap(params, lidar)

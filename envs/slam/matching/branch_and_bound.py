@@ -103,9 +103,9 @@ def discretise(pyramid, points, pose, window, shift):
 
 @njit(cache=True, error_model="numpy")
 def total_at(level, grid, turn, offset):
-    """Return the sum of occupancies at the scan points for a tested heading and position offset.
+    """Return the sum of occupancies at the scan points for a tested pose.
 
-    `turn`: index of the heading. `offset`: difference of flat cell indices.
+    `level`: flattened pyramid level. `turn`: index of the heading. `offset`: position offset in flat cell indices.
     """
     total = 0
     cells = grid.cells[turn]

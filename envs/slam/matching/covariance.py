@@ -7,8 +7,7 @@ from numba import njit
 from lidarnaut.envs.robots import OdometryNoise
 
 NOISE_PER_HIT = 0.02
-"""False position information from noisy map cells, per scan point [1/cells^2]; subtracted from the scan-matching
-Hessian."""
+"""Part of the scan-matching Hessian due to noise in map cells, per scan point [1/cells^2]; subtracted."""
 
 
 class NoiseRecord(NamedTuple):

@@ -11,7 +11,8 @@ from ..slam_params import LoopClosureParams
 FULL_PERCENT = 100
 """Occupancy that counts as matching score 1 [percent]."""
 UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
-"""Occupancy above which a cell counts as occupied for scan points, and for beams that cross it [percent]."""
+"""Cells above these occupancies count as occupied [percent]: the first for scan points, the second for beams that cross
+cells."""
 LEAST_HITS = 40
 """Minimum number of scan points near known cells to judge whether a scan fits a map."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
@@ -59,10 +60,10 @@ class HitShares(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def count_hits(field, points, pose):
-    """Count scan points on or next to occupied cells, and in free cells without occupied neighbours.
+    """Count scan points on or next to occupied cells and in free space; also return the sum of occupied cell values.
 
-    `points`: shape (n, 2), float32, base frame [m]. `pose`: frame of the grid [m, m, rad]. The third result is the sum
-    of occupied cell values at the points [percent].
+    Free space: free cells without occupied neighbours. Values are in percent. `points`: shape (n, 2), float32, base
+    frame [m]. `pose`: frame of the grid [m, m, rad].
     """
     occupancy = field.occupancy
     height, width = occupancy.shape
@@ -111,10 +112,10 @@ def fits_map(
 
 @njit(cache=True, error_model="numpy")
 def count_crossings(field, ranges, geometry, pose):
-    """Return two numbers of lidar beams: those through occupied cells, and all that cross mostly known cells.
+    """Return the number of lidar beams through occupied cells, and the number of tested beams.
 
-    At a wrong pose, beams cross walls even if their endpoints are on walls. `ranges`: shape (num_beams,), float32 [m].
-    `pose`: frame of the grid [m, m, rad].
+    Only beams through mostly known cells are tested. At a wrong pose, beams cross walls. `ranges`: shape (num_beams,),
+    float32 [m]. `pose`: frame of the grid [m, m, rad].
     """
     occupancy, side = field.occupancy, field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -154,8 +155,8 @@ class Pyramid(NamedTuple):
     """Occupancy maxima over squares of growing size, for branch and bound (Hess et al., 2016, section V.B)."""
 
     levels: np.ndarray
-    """Maxima by level, shape (num_levels, height, width), uint8: cell (i, j) of level l covers 2^l x 2^l grid cells
-    from (i, j) on. The grid has a border of zeros."""
+    """Maximum occupancies, shape (num_levels, height, width), uint8 [percent], with a border of zeros. Entry (l, i, j)
+    is the maximum over 2^l x 2^l cells from row i and column j on."""
     x: float
     y: float
     resolution: float

@@ -43,7 +43,6 @@ class Fit(NamedTuple):
     """Sums over the scan points at a pose: Hessian and right-hand side of a Gauss-Newton step, and residuals."""
 
     h_xx: float
-    """Hessian entry: sum of g g^T, with the gradient g of the occupancy with respect to the pose."""
     h_xy: float
     h_xt: float
     h_yy: float
@@ -69,7 +68,7 @@ class Level(NamedTuple):
 
 @singledispatch
 def at_level(map, level):
-    """Return one resolution of a map: flattened `occupancy`, `height` and `width`.
+    """Return a map at one resolution: flattened `occupancy`, `height` and `width`; level 0 is the finest.
 
     A map is a tuple of arrays, shape (height, width), int8, finest first, or a type that overloads this function.
     """

@@ -60,9 +60,9 @@ class Match(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def make_prior(pose, covariance, residual_variance, resolution):
-    """Return the prior of a predicted pose [cells, cells, rad] from its covariance P [m, rad]: W = k P^-1.
+    """Return the Gaussian prior of scan matching from a predicted pose [cells, cells, rad] and its covariance [m, rad].
 
-    k is the residual variance.
+    The weight matrix is the residual variance times the inverse covariance.
     """
     w = np.empty((3, 3))
     invert(covariance, w)

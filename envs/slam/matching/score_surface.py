@@ -27,7 +27,6 @@ covariances."""
 LEAST_STDS = np.array([0.03, 0.03, 0.008])
 """Minimum standard deviations of a scan match [m, m, rad]; their squares are added to its covariance."""
 MAX_SHARE = 0.99
-"""Maximum variance of a scan match, divided by the variance of equally likely poses."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -42,10 +41,11 @@ def _totals(pyramid, grid, reach, stride):
 
 
 def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
-    """Return scores of poses around a match, shape (num_headings, num_rows, num_columns), float64, from 0 to 1.
+    """Return scores of poses around a scan match: mean occupancies at the scan points, from 0 to 1.
 
-    Maxima over 2 x 2 cells are used, because positions could skip thin walls. `points`: scan points, shape (n, 2),
-    float32, base frame [m]. `pose`: frame of the grid. `half_width`: maximum offset [m].
+    Shape (num_headings, num_rows, num_columns), float64. Maxima over 2 x 2 cells are used, because spaced positions
+    could skip thin walls. `points`: shape (n, 2), float32, base frame [m]. `pose`: frame of the grid. `half_width`:
+    maximum offset [m].
 
     Raises:
         ValueError: if offsets exceed the reach of the pyramid.
@@ -81,8 +81,8 @@ def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP
 def match_covariance(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
     """Return the covariance of a scan match, shape (3, 3), float64, frame of the grid [m^2, rad^2].
 
-    It is large if nearby poses score similarly. Second moments P of these poses are corrected for the limited search
-    area: P <- (P^-1 - U^-1)^-1, with U for equal scores. Arguments as in `surface_scores`.
+    It is large if nearby poses score similarly, and corrected for the limited search area. Arguments as in
+    `surface_scores`.
     """
     step = max(round(STEP / pyramid.resolution), 1) * pyramid.resolution
     scores = surface_scores(pyramid, points, pose, half_width)
