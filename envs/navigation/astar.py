@@ -15,7 +15,7 @@ STRAIGHT = 70
 """Integer length of a straight grid step; `DIAGONAL / STRAIGHT` approximates the square root of two."""
 DIAGONAL = 99
 SCALE = 16
-"""Integer cost of a free cell per unit of step length (`STRAIGHT` for a straight step)."""
+"""Integer weight of a free cell. The cost of a step is its length times the weight of the entered cell."""
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1))
 """Moves to the eight neighbours (row, column). Diagonal move `k + 4` combines straight moves `k` and `(k + 1) % 4`."""
 NO_STEP = 255
@@ -31,7 +31,7 @@ COST_WEIGHT = 3.0
 NUM_BUCKETS = 1 << 15
 """Number of queue buckets of A*: a power of two, above the largest cost increase per step."""
 BUCKET_SHIFT = 8
-"""Base-2 logarithm of the path cost range of a bucket in Dijkstra's queue: 256, less than any step (Dinic 1978)."""
+"""Right shift from a path cost to its bucket in Dijkstra's queue. A bucket is narrower than any step (Dinic 1978)."""
 NUM_COARSE_BUCKETS = 1 << 7
 """Number of buckets in Dijkstra's queue: enough for the longest step, few enough for the L1 cache."""
 MAX_COST_WEIGHT = 9.0
@@ -56,7 +56,7 @@ def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def octile(d_row, d_col):
-    """Return the cost of the shortest path over free cells (octile distance), 1120 per straight step."""
+    """Return the integer cost of the shortest path over free cells (octile distance)."""
     d_row, d_col = abs(d_row), abs(d_col)
     return SCALE * (STRAIGHT * max(d_row, d_col) + (DIAGONAL - STRAIGHT) * min(d_row, d_col))
 
@@ -108,16 +108,11 @@ def begin(expansion, queue, costs, start, goal):
 
 @njit(cache=True, error_model="numpy")
 def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
-    """Continue a grid search until the goal or the path cost `limit` is reached.
+    """Continue a grid search until the goal or the path cost `limit` is reached, or the queue is full.
 
     A path that starts in collision may cross cells in collision until it first leaves them. Diagonal steps require both
-    adjacent straight cells to be open. `queue`: cell and next entry of the bucket, shape (n, 2), int32; the search
-    stops early if it is full. `open_weights`: weight of each cell, flat raster, uint8, 0 in the border. `stride`:
-    raster width plus 2. `touching`: weight of cells in collision. `goal`: (row, column) or `NO_GOAL`.
-
-    Returns current bucket, numbers of all and of unprocessed queue entries. The queue is Dial's (1969) ring of buckets,
-    last in first out. Moves between cells of equal weight are pruned after Harabor, Grastien, "Online graph pruning for
-    pathfinding on grid maps" (2011).
+    adjacent straight cells to be open. The queue is Dial's (1969) ring of buckets. Moves between cells of equal weight
+    are pruned after Harabor, Grastien, "Online graph pruning for pathfinding on grid maps" (2011).
     """
     travel, predecessor, heads, counters = expansion.travel, expansion.predecessor, expansion.heads, expansion.counters
     goal_row, goal_col = goal

@@ -170,10 +170,10 @@ def _is_beyond(members, start, reach, limit):
 def find_candidates(occupancy, layer, expansion, queue, start, frontier, min_lengths, max_candidates, tables):
     """Find the reachable frontiers with the lowest path costs from the cell `start`.
 
-    `layer`: costmap and cell weights for path search. `frontier`: frontier cells, and the frontiers from
+    `layer`: costmap and cell weights for path search. `frontier`: frontier cells, and index ranges of frontiers from
     `split_groups`. `min_lengths`: minimum frontier lengths [cells], tried in order until a frontier is reachable.
-    `max_candidates`: number of frontiers that ends the search. Returns partly filled `CANDIDATE` records (`group_size`
-    in cells) and the search queue, perhaps enlarged.
+    `max_candidates`: number of frontiers that ends the search. Returns partly filled `CANDIDATE` records and the search
+    queue, perhaps enlarged.
     """
     costs, open_weights = layer
     cells, parts = frontier
@@ -227,11 +227,11 @@ def _clearance(occupancy, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def describe(raster, table, tables, frame, theta, now, past):
-    """Fill the table of reachable frontiers, dtype `CANDIDATE`: positions, features, ages, numbers of failed drives.
+    """Fill in the table of reachable frontiers: positions, features, ages and numbers of failed drives.
 
-    `raster`: occupancy, and last move of the path to each cell (with a border). `frame`: origin (x, y), map frame, and
-    cell side [m]. `past`: known frontiers (x, y) with times of first appearance, shape (n, 3); frontiers of failed
-    drives, shape (m, 2); last chosen frontier, NaN for none; distance below which frontiers count as the same [m].
+    `raster`: occupancy, and last move of the path to each cell. `frame`: origin (x, y), map frame, and cell side [m].
+    `past`: known frontiers (x, y, time of first appearance), shape (n, 3); frontiers of failed drives, shape (m, 2);
+    last chosen frontier; distance below which frontiers count as the same [m].
 
     Returns the known frontiers for the next call, shape (k, 3), and the index of the last chosen frontier, -1 for none.
     """

@@ -26,7 +26,7 @@ SLOWING_FACTOR = 5.0
 
 
 class RolloutParams(NamedTuple):
-    """Trajectory simulation: initial twist, acceleration limits, time [s], maximum step [m] and turn [rad] per pose."""
+    """Trajectory simulation parameters: initial twist, acceleration limits, duration, maximum step and turn."""
 
     v: float
     w: float
@@ -38,15 +38,15 @@ class RolloutParams(NamedTuple):
 
 
 class Rasters(NamedTuple):
-    """Local costmap and rasters derived from it."""
+    """Local costmap, with distances to obstacles, path and goal."""
 
     costs: np.ndarray
     """Traversal costs, shape (side, side), uint8, as in `Costmap`."""
     squared: np.ndarray
-    """Squared distance to the nearest obstacle, at most the inflation radius, shape (side, side), uint16 [cells2]."""
+    """Squared obstacle distance, exact within the inflation radius, shape (side, side), uint16 [cells2]."""
     steps: np.ndarray
-    """Number of 4-connected moves around obstacles from each cell to three targets, shape (3, side, side), int32: the
-    path, the local goal on the path, and a point `FRONT_DISTANCE` beyond this goal."""
+    """Distances from each cell to the path, the local goal on it, and a point beyond this goal, in 4-connected moves
+    around obstacles, shape (3, side, side), int32."""
     resolution: float
 
 
@@ -92,10 +92,10 @@ def roll_out(v, w, rollout, poses):
 
 @njit(cache=True, error_model="numpy")
 def spread(costs, distances, seeds):
-    """Compute the number of 4-connected steps from each cell to the nearest seed, around obstacles.
+    """Compute the number of 4-connected moves from each cell to the nearest target cell, around obstacles.
 
     Writes `distances`, shape (n, n), int32: n * n for cells in collision, n * n + 1 for unreachable cells. `seeds`:
-    distinct flat cell indices.
+    distinct flat indices of the target cells.
     """
     side = costs.shape[0]
     size = side * side
@@ -189,8 +189,8 @@ def _steps_at(distances, x, y, resolution, must_lead):
 def judge(twists, banned, rollout, ending, rasters, people, radius, scores):
     """Score velocity commands (twists) by seven critics; lower is better, NaN rejects a twist.
 
-    `twists`: shape (n, 2) [m/s, rad/s]. `banned`: reject v < 0, v > 0, w < 0 or w > 0 (oscillation). `people`,
-    `radius`: see `meets_people`. Writes `scores`, shape (n, 7): columns from `ROTATE_TO_GOAL` to `GOAL_DIST`.
+    `twists`: shape (n, 2) [m/s, rad/s]. `banned`: flags that reject v < 0, v > 0, w < 0, w > 0, against oscillation.
+    `people`, `radius`: see `meets_people`. Writes `scores`, shape (n, 7): columns from `ROTATE_TO_GOAL` to `GOAL_DIST`.
     """
     poses = np.empty((1000, 3))
     to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]

@@ -139,7 +139,7 @@ class FrontierNavigator:
         return self.conclude(self.drive(reading, belief, others), reading, belief)
 
     def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
-        """Return why the drive has ended, such as `"arrived"`, or None, given the `progress` returned by `drive`."""
+        """Return why the drive has ended, such as `"arrived"`, or None. `progress`: status returned by `drive`."""
         self._now = reading.time
         self._note_people(belief)
         outcome = self._judge(progress, belief.pose)
@@ -221,7 +221,7 @@ class FrontierNavigator:
 
     @property
     def check_from(self) -> float:
-        """Number of control periods of a drive until a vanished frontier ends it; inf while the map is unchanged."""
+        """Number of control periods before a vanished frontier may end the drive; inf while the map is unchanged."""
         return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:

@@ -1,7 +1,7 @@
 """Frontiers: free cells that border on unknown cells (Yamauchi, 1997), and their visibility.
 
 Arrays: `occupancy`, shape (height, width), int8; `frontier` and `ignored` (excluded cells), same shape, bool;
-`tile_counts`, int32, number of frontier cells per tile. Cells are (row, column), distances are in cells.
+`tile_counts`, int32, number of frontier cells per 32 x 32 cells. Cells are (row, column), distances are in cells.
 """
 
 import math

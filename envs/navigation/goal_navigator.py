@@ -55,11 +55,11 @@ BLOCKED_REASONS = {
     COST_UNKNOWN: "in unknown space",
 }
 DETOUR_TIME = 10.0
-"""Duration of treating people as obstacles after a failed drive, so that paths avoid them [s]."""
+"""After a failed drive, people count as obstacles in path planning for this time [s]."""
 APPROACH_DISTANCE = 0.3
 """Distance to a goal with a heading below which pure pursuit replaces the local planner [m]."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
-"""Spacing of the points that a search around the goal visits, and maximum path length to the next point [m]."""
+"""Search around the goal: distance between search points, and maximum path length to the next point [m]."""
 HOME = (0.0, 0.0)
 
 
@@ -69,7 +69,7 @@ ON_GROWING_MAPS = PlanningParams(
 )
 """Planning parameters for growing maps: mark obstacles up to 8 m away, allow gaps as narrow as the footprint."""
 NUM_FITTING = 2
-"""Number of footprint radii tried first on growing maps, from the largest; smaller radii are a last resort."""
+"""Number of footprint radii, from the largest, tried first on growing maps. Smaller radii are a last resort."""
 
 
 class LocalPlanner(Protocol):
@@ -160,7 +160,7 @@ class GoalNavigator:
         self.target: tuple[float, float] | None = None
         """Current target (x, y), map frame [m]: goal or search point near the goal."""
         self.end_reason: str | None = None
-        """Outcome of the drive: "arrived" (by pose estimate), "no_path", "stuck", "lost" or "blind"; None while
+        """Reason why the drive ended: "arrived" (by pose estimate), "no_path", "stuck", "lost" or "blind"; None while
         driving."""
         self._has_path = False
 
@@ -462,6 +462,6 @@ class HomeNavigator(GoalNavigator):
 
     @property
     def home_reason(self) -> str | None:
-        """Outcome of the drive: `"arrived_home"` (by pose estimate) or `"no_path_home"`; None while driving."""
+        """Reason why the drive ended: `"arrived_home"` (by pose estimate) or `"no_path_home"`; None while driving."""
         reasons = {None: None, "arrived": "arrived_home"}
         return reasons.get(self.end_reason, "no_path_home")

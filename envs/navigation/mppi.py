@@ -54,7 +54,7 @@ class MppiParams:
     backwards: float = 0.0
     """Maximum backward speed, as a fraction of the maximum speed (Nav2: 0.7)."""
     follow: float = 10.0
-    """Cost per second of remaining driving time at full speed along the path, averaged over a sampled trajectory."""
+    """Cost per second of the driving time left to the end of the path at full speed, mean over a sampled trajectory."""
     align: float = 2.0
     """Cost per metre of mean distance from the path."""
     angle: float = 1.0
@@ -72,7 +72,7 @@ class MppiParams:
     people_gap: float = 0.05
     """Gap to a person that counts as contact [m]."""
     headway: float = 0.05
-    """Increase of `people_gap` with the robot's speed [m per m/s], because people swerve."""
+    """Increase of the contact gap `people_gap` with the robot's speed [m per m/s], as people may swerve."""
     doubt_time: float = 3.0
     """Time constant of the decay of `people_touched` with prediction time [s]."""
     twirl: float = 0.1

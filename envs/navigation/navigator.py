@@ -56,7 +56,7 @@ class Navigator:
         *,
         max_time: float = math.inf,
     ) -> None:
-        """Create a navigator; `max_time`: maximum drive time [s]; a recovery behavior is completed first."""
+        """Create a navigator; `max_time`: time limit of a drive [s], not checked during recovery behaviors."""
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
         angles = robot.lidar.angles + robot.lidar.mount.yaw
@@ -68,7 +68,7 @@ class Navigator:
         self._period = control_period
         self.velocity = Twist(0.0, 0.0)
         self.motion = ORIGIN
-        """Relative pose between the last two readings, by odometry."""
+        """Relative pose of the robot between its last two sensor readings, by odometry."""
 
     def reset(self, reading: Reading) -> None:
         records = self._records
@@ -81,7 +81,7 @@ class Navigator:
 
     @property
     def record(self) -> Any:
-        """Current state, with the fields of `NAVIGATOR`; not a copy."""
+        """State of the navigator, a record with the fields of `NAVIGATOR`; not a copy."""
         return self._records[0]
 
     @property
@@ -181,7 +181,7 @@ class Navigator:
             self.record[name] = 0
 
     def sense(self, reading: Reading, others: np.ndarray = NO_POINTS) -> None:
-        """Update odometry and obstacle points; included in `update`.
+        """Update odometry and obstacle points with a sensor reading; called by `update`.
 
         `others`: further obstacle points, such as other robots, shape (m, 2), float64, base frame [m].
         """
@@ -191,15 +191,15 @@ class Navigator:
         update_obstacles(*state, sensors, tuple(motion), others[:MAX_OTHERS], self._numbers)
 
     def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:
-        """Process a reading; return the progress of the drive, such as `DRIVING`.
+        """Process a sensor reading; return the status of the drive, such as `DRIVING`.
 
-        `pose`: pose estimate, map frame. `others`: further obstacle points.
+        `pose`: pose estimate, map frame. `others`: further obstacle points, see `sense`.
         """
         self.sense(reading, others)
         return self.check_progress(pose, bumper=reading.bumper)
 
     def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
-        """Check goal, motion and time limits; return the progress of the drive, such as `DRIVING`."""
+        """Check goal, motion and time limits; return the status of the drive, such as `DRIVING`."""
         return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
 
     def command(self, pose: Pose2D) -> Twist:

@@ -20,12 +20,12 @@ from lidarnaut.envs.navigation.regulated_pursuit import FOLLOWER_FIELDS, follow,
 from lidarnaut.envs.robots import RobotParams
 
 DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
-"""Progress of a drive: driving, replan due, goal reached, failed, time limit reached, spin completed."""
+"""Status of a drive. `REPLAN`: replanning is due. `SPUN`: a spin is completed."""
 
 WELL_IN_VIEW = 0.8
 """Central fraction of the field of view that must contain the chosen frontier before the robot stops turning."""
 CONTACT_MARGIN = 0.05
-"""Gap to the footprint [m]; a stalled robot deletes nearer remembered obstacles, as contacts may enclose it."""
+"""A stalled robot deletes remembered obstacles within this gap to its footprint [m], as contacts may enclose it."""
 NAVIGATOR = record_type(
     [
         *FOLLOWER_FIELDS,
@@ -204,7 +204,7 @@ def _fail(record, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def check_progress(navigators, obstacles, pose, bumper, constants):
-    """Return the progress of the drive, such as `DRIVING`; begin a recovery behavior after a stall."""
+    """Return the status of the drive, such as `DRIVING`; begin a recovery behavior after a stall."""
     record, numbers = navigators[0], constants[0]
     points = obstacles[: record.num_obstacles]
     record.steps += 1

@@ -26,7 +26,7 @@ from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_
 from lidarnaut.envs.navigation.obstacles import free_distance
 
 SHORTCUT = 4.0
-"""Maximum length of a straight shortcut [m]."""
+"""Maximum length of a straight line that replaces a stretch of a path [m]."""
 MAX_POINTS = 1024
 DATA_WEIGHT = 0.2
 """Weight of each point's original position in path smoothing (Nav2's `w_data`)."""

@@ -65,7 +65,7 @@ def obstacle_cells(points, marking_range, pose, origin, side):
 
 @njit(cache=True, error_model="numpy")
 def clear_beams(marks, x, y, angles, lengths):
-    """Set cells along lidar beams free; start (x, y) and lengths in cells, angles in rad."""
+    """Mark the cells along lidar beams as free. `x`, `y`: start of the beams [cells]. `lengths`: in cells."""
     height, width = marks.shape
     for k in range(len(angles)):
         walk = start_walk(x, y, x + lengths[k] * math.cos(angles[k]), y + lengths[k] * math.sin(angles[k]))

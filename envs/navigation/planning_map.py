@@ -72,7 +72,7 @@ class CostLayer:
         self.pending = NO_WINDOW
         """Rectangle of cells with outdated costs."""
         self.in_sight = NO_WINDOW
-        """Rectangle of cells affected by obstacles visible at the last update."""
+        """Rectangle of cells whose costs depend on obstacles visible at the last update."""
 
 
 class PlanningMap:
@@ -102,7 +102,7 @@ class PlanningMap:
         """Corner of cell (0, 0) (x, y), map frame [m]."""
 
     def update(self, grid: OccupancyGrid, window: Window | None, *, redrawn: bool = False) -> None:
-        """Record the map cells that a scan has changed.
+        """Note which cells of the occupancy grid have changed.
 
         `window`: rectangle of these cells; None for none. `redrawn`: the whole map was rebuilt; discard marked
         obstacles.
@@ -114,7 +114,7 @@ class PlanningMap:
             self._pending = changed.shifted(*self._corner).union(self._pending)
 
     def reach_beyond(self, points: Sequence[tuple[float, float]], margin: float) -> None:
-        """Add unknown space to the planning map at the next `update`: `margin` [m] beyond map and `points` (x, y)."""
+        """Surround the map and `points` (x, y) by unknown space, `margin` [m] wide, at the next `update`."""
         self._beyond, self._points, self._data = margin, np.array(points), None
 
     def refresh(self) -> None:
@@ -225,7 +225,7 @@ class PlanningMap:
         ignore_around(self.ignored, self.frontier, self.tile_counts, cells_of(points, *self.origin, self.side))
 
     def look_again_at(self, points: np.ndarray) -> None:
-        """Include ignored frontier cells at points, shape (n, 2), map frame [m], again at the next `update`."""
+        """Stop ignoring frontier cells at points, shape (n, 2), map frame [m], from the next `update` on."""
         is_given = (self.ignored_points[:, None] == points[None]).all(axis=2).any(axis=1)
         if is_given.any():
             self.ignored_points, self._data = self.ignored_points[~is_given], None

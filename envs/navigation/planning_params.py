@@ -14,7 +14,7 @@ class PlanningParams:
     padding: float = 0.03
     """Footprint padding in planning [m], for half a map cell and noise of the pose estimate."""
     tight_radii: tuple[float, ...] = (1.0, 0.75, 0.5)
-    """Smaller footprint radii tried in order, as fractions of the robot's radius, for gaps that map drift narrows."""
+    """Footprint radii tried in order if the padded footprint does not fit, as fractions of the robot's radius."""
     inflation: float = 0.45
     """Width of the zone with increased costs around the footprint [m]."""
     cost_scaling_factor: float = 4.0
@@ -52,30 +52,30 @@ class NavigatorParams:
     replan_time: float = 4.0
     """Interval between replans of the path during a drive [s]."""
     goal_tolerance: float = 1.6
-    """Distance to the goal that counts as arrival, in robot radii; at most 0.2 m."""
+    """Distance to the goal that counts as arrival, in robot radii, capped at 0.2 m."""
     frontier_radius: float = 0.4
     """Radius around the chosen frontier [m]; the drive ends early when no frontier cell is left inside."""
     stall_time: float = 3.0
     """Time without translation or rotation that triggers a recovery behavior [s]."""
     stall_angle: float = 0.3
-    """Minimum heading change that counts as rotation [rad]."""
+    """Minimum heading change that counts as rotation in the detection of stalls [rad]."""
     max_recoveries: int = 3
     """Maximum number of recovery attempts per drive."""
     stuck_distance: float = 0.5
     """Minimum distance to cover within `stuck_time` [m]; otherwise the drive fails."""
     stuck_time: float = 10.0
-    """Time allowed to cover `stuck_distance` [s]."""
+    """The drive fails if the robot moves less than `stuck_distance` within this time [s]."""
     still_distance: float = 0.1
-    """Minimum distance to cover within `still_time` [m]; otherwise exploration may end as stuck."""
+    """Displacement that shows that the robot is not stuck [m]; see `still_time`."""
     still_time: float = 30.0
-    """Time allowed to cover `still_distance` [s]."""
+    """Time without `still_distance` of motion after which the robot counts as stuck when no frontier is left [s]."""
     spin_rate: float = 1.0
     """Yaw rate of recovery spins [rad/s], limited by the robot."""
     look_radius: float = 3.0
-    """Radius around a frontier, in robot radii, at most 0.75 m; frontier cells inside are ignored after `max_failures`
-    failed drives. After a visit, cells in sight up to this distance beyond the frontier are ignored."""
+    """Radius of the area around a frontier that is ignored after `max_failures` failed drives, in robot radii, capped
+    at 0.75 m. After a visit, visible frontier cells up to this distance beyond the frontier are ignored."""
     retry_radius: float = 0.5
-    """Distance below which two frontiers count as the same, for ages and numbers of failed drives [m]."""
+    """A frontier within this distance of an earlier frontier takes over its age and number of failed drives [m]."""
     max_failures: int = 3
     """Number of failed drives after which a frontier is ignored."""
     max_looks: int = 40

@@ -35,7 +35,7 @@ class FollowerParams:
     lookahead_time: float = 1.5
     """Lookahead distance divided by speed [s]."""
     min_lookahead: float = 2.0
-    """Minimum lookahead distance, in robot radii; at most 0.25 m."""
+    """Minimum lookahead distance, in robot radii, capped at 0.25 m."""
     max_lookahead: float = 0.9
     """Maximum lookahead distance [m]."""
     rotate_from: float = 0.785
@@ -45,13 +45,13 @@ class FollowerParams:
     max_rotation: float = 1.8
     """Maximum yaw rate [rad/s]; faster turns degrade scan matching."""
     min_turn_time: float = 1.8
-    """Minimum turning radius divided by speed [s]; limits the speed in curves."""
+    """Speed limit in curves: the turning radius divided by this time [s]."""
     min_speed: float = 0.35
     """Minimum speed near obstacles and in curves, as a fraction of maximum speed."""
     nearness_time: float = 0.6
     """Minimum time to close the gap to an obstacle [s]; limits the speed near obstacles."""
     margin: float = 0.4
-    """Margin around the footprint for obstacles, as a fraction of the robot's radius; at most 0.03 m."""
+    """Safety margin around the footprint, as a fraction of the robot's radius, capped at 0.03 m."""
     sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
     """Rotations of the lookahead point to either side, tried to steer past obstacles [rad]."""
     braking: float = 0.5

@@ -71,7 +71,7 @@ class TeamNavigator:
     ) -> list[TeamRobot]:
         """Process a sensor reading of each robot; return the robots that need a new frontier.
 
-        A robot that pauses for lack of a frontier is included early if another robot needs one, or if `is_asked`.
+        A robot that waits for a frontier is included if another robot needs one, or if `is_asked`.
         """
         self._poses, due = [belief.pose for belief in beliefs], list[TeamRobot]()
         for robot in self.team:

@@ -15,14 +15,14 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 
 PASSING_CLEARANCE = 0.15
-"""Gap between the footprints of a passing and a waiting robot [m]."""
+"""Minimum gap between the footprints of a waiting and a passing robot [m]."""
 OUTLINE_POINTS = 16
 PAUSE_TIME = 1.0
 """Time between frontier searches while all frontiers are assigned to other robots [s]."""
 BLOCKED_TIME = 1.0
 """Time without progress after which a robot counts as blocked [s]."""
 PASSED_CLEARANCE = 0.5
-"""Waiting ends at this gap between the waiting robot and the area that the passing robot will still cover [m]."""
+"""A robot stops waiting once the remaining path of the passing robot keeps this gap between their footprints [m]."""
 MAX_WAIT = 15.0
 
 
@@ -65,7 +65,7 @@ def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tu
 
 
 class TeamRobot(FrontierNavigator):
-    """Explores frontiers with a robot of a team, which yields to teammates with the right of way."""
+    """Frontier navigator of one robot in a team. The robot yields to teammates with the right of way."""
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class TeamRobot(FrontierNavigator):
             self.integrate(belief)
 
     def refresh(self, reading: Reading, belief: Belief) -> None:
-        """Find reachable frontiers during a drive. A choice among them continues the time limits of this drive."""
+        """Find reachable frontiers during a drive. Choosing one of them does not restart the drive's time limits."""
         self._keeps_clocks = True
         self.find_candidates(reading, belief)
 

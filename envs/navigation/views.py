@@ -58,7 +58,7 @@ def cast_view(occupancy, row, col, reach, free, unknown):
 
 @njit(cache=True, error_model="numpy")
 def fill_sectors(free, unknown, first, reach, sectors):
-    """Reduce visibility rays to sectors, counter-clockwise from the ray with index `first`; see `cast_view`.
+    """Summarize the rays of `cast_view` in sectors, counter-clockwise from the ray with index `first`.
 
     Writes `sectors`, shape (2 * NUM_SECTORS,), float32: length of each sector's shortest ray divided by `reach`, then
     unknown fraction of each sector.
@@ -92,9 +92,10 @@ def unknown_share(occupancy, row, col, radius):
 
 @njit(cache=True, error_model="numpy")
 def cheapest_view(data, travel, cells, reach):
-    """Find the cell with the lowest path cost within `reach` and in line of sight of any of `cells`.
+    """Find the cell with the lowest path cost that sees any of `cells` from within `reach` cells.
 
-    `travel`: path costs, with a border of one cell. Returns row, column and index of the visible cell; -1 for none.
+    `travel`: path costs, with a border of one cell. Returns row, column and index of the seen cell in `cells`; -1 for
+    none.
     """
     height, width = data.shape
     best, best_row, best_col, seen = travel[0, 0], -1, -1, -1
