@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 MAX_REACH = 180
-"""Maximum search distance whose squared distances fit in uint16 [cells]."""
+"""Maximum search distance [cells]. For greater distances, sums of squares overflow uint16."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -29,7 +29,7 @@ def _load(typing_context: Any, array: Any, index: Any) -> Any:
 
 
 load: Any = _load
-"""`load(array, index)` reads an array element by a scalar load, without bounds check."""
+"""Function `load(array, index)` that reads an array element quickly in Numba code, without bounds check."""
 as_tuple: Any = ndarray.to_fixed_tuple
 """`as_tuple(array, size)` returns the first `size` elements as a tuple. `size` is a compile-time constant."""
 if config.DISABLE_JIT:  # type: ignore[attr-defined]
@@ -38,5 +38,5 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]
 
 
 def record_type(fields: Any) -> np.dtype:
-    """Return a structured dtype with fields that are read as attributes in Numba functions, compiled or not."""
+    """Return a structured dtype with fields that are read as attributes (`record.name`), also if Numba is disabled."""
     return np.dtype((np.record, fields) if config.DISABLE_JIT else fields)  # type: ignore[attr-defined]

@@ -44,8 +44,8 @@ def _polar(x: float, y: float) -> float:
 def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
     """Find the lidar beams that may hit each wall segment, for a sensor at (x, y) [m].
 
-    `intervals`: output, shape (6, n). Per segment: start point and vector to its end [m], with x along the first beam
-    of the lidar; first beam that may hit; number of such beams, -1 if out of range.
+    `intervals`: output, shape (6, n): start point and direction vector of each segment [m], with x along the first
+    beam; first beam and number of beams, negative if out of range.
     """
     start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
     first, span = intervals[4], intervals[5]

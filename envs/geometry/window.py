@@ -47,7 +47,7 @@ class Window(NamedTuple):
         return Window(row, col, max(height, 0), max(min(self.col + self.width + cells, shape[1]) - col, 0))
 
     def blocks(self, size: int) -> "Window":
-        """Return which blocks of `size` x `size` cells overlap this rectangle, as a rectangle in units of blocks."""
+        """Return the rectangle in units of larger cells, of `size` x `size` grid cells each, rounded outwards."""
         row, col = self.row // size, self.col // size
         height = (self.row + self.height - 1) // size - row + 1
         return Window(row, col, height, (self.col + self.width - 1) // size - col + 1)

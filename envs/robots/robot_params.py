@@ -123,18 +123,20 @@ class DriveParams:
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
 class OdometryNoise:
-    """Odometry noise model for SLAM: standard deviations of the pose error after a motion.
+    """Odometry noise model for SLAM: standard deviations of the pose error between two processed scans.
 
     After Thrun, Burgard and Fox, Probabilistic Robotics (2005), section 5.4: `position_std + position_per_metre *
     distance` along each axis, and `heading_std + heading_per_radian * |turn| + heading_per_metre * distance`.
     """
 
     position_std: Positive = 0.003
-    """Standard deviation of the position error that every motion adds, independent of its distance [m]."""
+    """Constant term of the position error's standard deviation between two processed scans [m]; a term for distance is
+    added."""
     position_per_metre: NotNegative = 0.02
     """Standard deviation of the position error per driven metre [m/m]."""
     heading_std: Positive = 0.003
-    """Standard deviation of the heading error that every motion adds, independent of its turn and distance [rad]."""
+    """Constant term of the heading error's standard deviation between two processed scans [rad]; terms for turn and
+    distance are added."""
     heading_per_radian: NotNegative = 0.03
     """Standard deviation of the heading error per radian of turning [rad/rad]."""
     heading_per_metre: NotNegative = 0.03

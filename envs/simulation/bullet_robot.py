@@ -29,9 +29,10 @@ _OTHER_BODY, _NORMAL_FORCE = 2, 9
 _LIFT_HEIGHT = 1e3
 _MIN_COS_TILT = math.cos(math.radians(20.0))
 _MAX_PENETRATION = 0.01
-"""Wall penetration, beyond the travel in a physics step, above which a robot counts as driven through a wall [m]."""
+"""Tolerated depth of a robot's body inside a wall, in addition to the travel in a physics step [m]. A deeper robot
+returns to its last pose."""
 _MAX_PENETRATION_RATIO = 0.25
-"""Maximum tolerated wall penetration, divided by half the body's length or width."""
+"""Maximum tolerated depth of a robot's body inside a wall, divided by half the body's length or width."""
 
 
 def build_robot(bullet: BulletClient, robot: RobotParams) -> int:

@@ -63,9 +63,9 @@ class BulletClient:
 
 
 def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[int]:
-    """Create ground, walls (unless too many) and people in PyBullet, and return the body ids of the people.
+    """Create ground, walls and people in PyBullet, and return the body ids of the people.
 
-    `radii`: radii of the people, shape (n,) [m].
+    Very many walls are left to `NearbyWalls`. `radii`: radii of the people, shape (n,) [m].
     """
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
     meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)

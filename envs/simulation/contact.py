@@ -43,8 +43,8 @@ def select_near(x, y, reach, segments, near):
 def push_out(x, y, radius, segments, near, num_near, circles, hits):
     """Push a circle out of overlapping obstacles, the deepest overlap first.
 
-    `segments`: walls, shape (n, 4), float64 [m]; the first `num_near` indices in `near` are tested. `circles`: (x, y,
-    radius), shape (m, 3), float64 [m]. `hits`: shape (m,), bool; set to True for touched circles.
+    `segments`: walls, shape (n, 4), float64 [m]. `near`: indices of the walls to test, `num_near` in number. `circles`:
+    (x, y, radius), shape (m, 3), float64 [m]. `hits`: shape (m,), bool; set to True for touched circles.
 
     Returns:
         Centre x, y, whether the circle touched anything, and whether no overlap remains.
@@ -74,10 +74,11 @@ def push_out(x, y, radius, segments, near, num_near, circles, hits):
 
 @njit(cache=True, error_model="numpy")
 def is_cut(pose, before, body, segments, circles):
-    """Return True if a robot's body overlaps an obstacle or has moved through an obstacle.
+    """Return True if a robot's body overlaps an obstacle, or has moved through one since the previous pose.
 
-    `pose`, `before`: present and previous pose of the base. `body`: centre (x, y) in the base frame, then half length
-    and half width, or radius and 0 [m]. `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3) [m].
+    `pose`, `before`: present and previous pose of the base. `body`: centre (x, y) in the base frame, and half length
+    and half width of a box, or radius of a cylinder and 0 [m]. `segments`, `circles`: obstacles, shapes (n, 4) and (m,
+    3) [m].
     """
     center_x, center_y, half_length, half_width = body
     c, s, c0, s0 = math.cos(pose[2]), math.sin(pose[2]), math.cos(before[2]), math.sin(before[2])

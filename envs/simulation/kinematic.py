@@ -18,18 +18,17 @@ from .simulator import Simulator
 SLIP_MARGIN = 0.5
 """Wheel slip raises speed and yaw rate above the robot's maxima by at most this fraction."""
 _MAX_SLIDE_RATIO = 1.1
-"""Maximum displacement of a robot that slides along an obstacle, divided by its displacement without the obstacle, per
-physics step. Beyond this and half its radius, the robot stays in place."""
+"""Maximum displacement of a robot pushed out of an obstacle in a physics step, divided by its displacement without the
+obstacle. Beyond this and half its radius, the robot stays in place."""
 
 
 @njit(cache=True, error_model="numpy")
 def plan_wheels(reached, command, normals, robot, rates, slips):
-    """Compute the wheel rates of a control period, within the robot's limits of speed and acceleration.
+    """Compute the wheel rates that bring a robot to a commanded twist, within its limits, for one control period.
 
-    Returns the twist (v, w) at the end, without slip. `reached`, `command`: twist at the start, and target twist [m/s,
-    rad/s]. `normals`: standard normal numbers for the slip of the left and right wheel. `rates`, `slips`: outputs,
-    shape (substeps, 2), float64: wheel rates without slip, and slip to add [rad/s] (Siegwart and Nourbakhsh,
-    Introduction to Autonomous Mobile Robots, equation 5.8).
+    Returns the twist (v, w) at the end, without slip. `reached`: twist at the start [m/s, rad/s]. `normals`: a standard
+    normal number per wheel. `rates`, `slips`: outputs, shape (substeps, 2), float64 [rad/s]: wheel rates without slip,
+    and random slip (Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots, equation 5.8).
     """
     v, w = reached
     substeps = int(robot.substeps)

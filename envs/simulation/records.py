@@ -52,48 +52,49 @@ RobotRecord = namedtuple("RobotRecord", [*_SOURCES, "period", "substeps"])  # ty
 """Robot parameters for Numba functions, all float, followed by control period [s] and substeps per period."""
 RECORD_SIZE = len(RobotRecord._fields)
 X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = range(11)
-"""Columns of a robot's state vector with ground truth.
+"""Columns of the true state in a robot's state vector: pose in the world frame, velocities and wheel rotation in SI
+units.
 
-World pose [m, m, rad], twist commanded by the controller [m/s, rad/s], wheel rotation since the reset [rad], twist of
-the base [m/s, rad/s], mean yaw rate of the last control period, and gyroscope bias [rad/s]."""
+`COMMANDED_V`, `COMMANDED_W`: twist set by the speed controller, within the acceleration limits."""
 STATE_SIZE = 11
 LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = range(11, 16)
-"""Columns of a robot's state vector with measurements.
+"""Columns of sensor measurements in a robot's state vector: encoder counts, yaw rate [rad/s], compass heading [rad],
+contact.
 
-Encoder counts, gyroscope yaw rate [rad/s], compass heading [rad], and contact. Contact: 0 for none, 1 for an obstacle
-or robot, 2 plus index for a person."""
+`TOUCHED`: 0 without contact, 1 for an obstacle or robot, 2 plus index for a person."""
 TOUCHED_PERSON = 2
 STEPS, TIME, DRAW, COMMAND_V, COMMAND_W = range(16, 21)
-"""Columns of a robot's state vector: number of control periods and time [s] since the reset, index of the control
-period in the array of random numbers `Rows.draws`, and commanded twist [m/s, rad/s]."""
+"""Columns of time and control command in a robot's state vector.
+
+`STEPS`, `TIME`: control periods and time [s] since the reset. `DRAW`: index of the period's random numbers in
+`Rows.draws`. `COMMAND_V`, `COMMAND_W`: target twist [m/s, rad/s]."""
 LAST_X, LAST_Y, LAST_THETA, LAST_LEFT, LAST_RIGHT, LAST_TOUCHED = range(21, 27)
 """Columns of a robot's state vector: true pose, encoder counts and contact of the previous control period."""
 ODOMETRY, MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = 27, 30, *range(33, 37)
-"""Columns of a robot's state vector: odometry.
+"""Columns of odometry results in a robot's state vector.
 
-`ODOMETRY`: first of three columns (x, y, theta) with the motion in the last control period, by odometry. `MOTION`:
-likewise, the motion that the pose estimator uses. Then velocity by odometry [m/s, rad/s], and estimate and variance of
-the gyroscope bias."""
+`ODOMETRY`: first of three columns (x, y, theta) with the odometry motion in the last control period. `MOTION`:
+likewise, odometry or true motion for the pose estimator. `BIAS`: estimate of the gyroscope bias [rad/s]."""
 POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
 """First columns of poses (x, y, theta) and path points (x, y) in a robot's state vector.
 
-Map frame: estimated pose, and pose of the last scan that entered the map. World frame: pose of the map frame. Last
-points of the estimated path (map frame) and of the true path (world frame)."""
+`POSE`, `KEY_POSE`: estimated pose at present and at the last scan added to the map. `MAP_POSE`: map frame in the world
+frame. `TRAIL`, `TRUE_TRAIL`: last point of the estimated and of the true path."""
 PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
-"""Columns of a robot's state vector: driven distance [m], number of collisions, last action (v, w), and bit flags that
-request processing a scan or extending a path."""
+"""Columns of a robot's state vector: driven distance [m], number of collisions, last action (v, w), and bit mask of
+pending work such as adding a scan to the map."""
 PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
-"""Columns of a robot's state vector: distances to people, and contacts.
+"""Columns of statistics on nearby people and contacts in a robot's state vector: gaps [m], times [s], numbers of
+contacts.
 
-Present and smallest gap to people [m]; smallest time to collision [s]; time in personal space [s]; cause of the present
-contact (`envs.transition.BY_...`); numbers of contacts with obstacles or robots, with people by the robot's fault, and
-by the person's fault."""
+`INTRUSION`: time in the personal space of people. `TOUCHED_BY`: cause of the present contact, see `envs.transition`."""
 MOTION_SETTINGS, ROBOT = 63, 70
 """First columns of odometry settings (`MotionSettings`) and robot parameters (`RobotRecord`) in a robot's state."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
 ROW_SIZE = ROBOT + RECORD_SIZE
 SENSED = np.ones(ROW_SIZE)
-"""Factors for the columns of a robot's state vector, shape (ROW_SIZE,), float64: NaN to hide ground truth, else 1."""
+"""Factors that hide ground truth in a robot's state vector, shape (ROW_SIZE,), float64: NaN for columns unknown to the
+robot, else 1."""
 SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
 SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, MOTION_SETTINGS), *range(ROBOT, PERIOD), PERIOD + 1]] = (
     np.nan

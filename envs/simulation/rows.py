@@ -46,7 +46,10 @@ class Reading(NamedTuple):
 
     @classmethod
     def of_scan(cls, ranges: np.ndarray, time: float = 0.0) -> "Reading":
-        """Create a reading with lidar ranges, shape (num_beams,), float32 [m]; other sensors measure 0 or NaN."""
+        """Create sensor measurements of a robot with only a lidar; other sensors measure 0 or NaN.
+
+        `ranges`: shape (num_beams,), float32 [m].
+        """
         return cls(time, ranges, (0, 0), 0.0, math.nan, False)
 
 

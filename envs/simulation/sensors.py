@@ -73,7 +73,7 @@ def measure_ranges(pose, draws, robot, segments, circles, ranges):
 
 @njit(cache=True, error_model="numpy")
 def with_room(circles, num_more):
-    """Return a copy of circles (x, y, radius), shape (m, 3) [m], with `num_more` uninitialized rows at the end."""
+    """Return a copy of the circles (x, y, radius), shape (m, 3) [m], with space for `num_more` circles at the end."""
     extended = np.empty((circles.shape[0] + num_more, 3))
     for row in range(circles.shape[0]):
         write_row(extended[row], circles[row])
@@ -98,7 +98,7 @@ def sense(rows, draws, ranges, segments, circles):
 
     Args:
         rows: state vectors, shape (num_robots, ROW_SIZE), float64, updated.
-        draws: random numbers of BLOCK control periods, shape (num_robots, BLOCK, n), float64.
+        draws: random numbers for noise, n per control period, shape (num_robots, BLOCK, n), float64.
         ranges: output, shape (num_robots, num_beams), float32 [m].
         segments: walls (x0, y0, x1, y1), shape (n, 4), float64 [m].
         circles: obstacles and people (x, y, radius), shape (m, 3), float64 [m].

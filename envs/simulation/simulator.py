@@ -97,9 +97,9 @@ class Simulator(ABC):
         return self._readings()
 
     def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
-        """Move the robots by one control period; the results are in `rows`.
+        """Move the robots by one control period. States and measurements are stored in `rows`.
 
-        `commands`: twists [m/s, rad/s]. `ahead`: number of control periods whose noise is sampled at once.
+        `commands`: twists [m/s, rad/s]. `ahead`: number of control periods whose noise is sampled in advance.
         """
         world, rows = self._reset_world(), self.rows
         self._check_number(commands=commands)

@@ -98,10 +98,10 @@ class Batch:
         self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
-        """Step the active sub-environments, and return a mask of ended episodes.
+        """Step the active sub-environments by one control period, and return a mask of ended episodes.
 
-        Writes rewards and `info` of continuing episodes only; the caller adds those of ended episodes. `is_last`: mask
-        of sub-environments to truncate after this step. Masks have shape (num_envs,), bool.
+        `is_last`: mask of sub-environments to truncate. Masks have shape (num_envs,), bool. Rewards and `info` of ended
+        episodes are left to the caller.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
@@ -178,7 +178,7 @@ class Batch:
         self._is_new[:] = False
 
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
-        """Return the maps of all robots in cells of about `resolution` [m], for cropping map images.
+        """Return the maps of all robots, reduced to cells of about `resolution` [m], for cropping map images.
 
         Returns:
             Bit-packed maps (Numba list); map heights and widths [cells], shape (n, 2), int64; map origins (x, y), shape

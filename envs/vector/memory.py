@@ -14,14 +14,14 @@ WHOLE = ""
 
 
 def parts_of(observation: Any) -> Mapping[str, Any]:
-    """Split an observation into arrays by name, or an observation space into spaces. A single array is named ""."""
+    """Return the arrays of an observation, or the spaces of an observation space, by name; "" names a single array."""
     if isinstance(observation, spaces.Dict):
         return observation.spaces
     return observation if isinstance(observation, dict) else {WHOLE: observation}
 
 
 def whole_of(parts: Mapping[str, np.ndarray]) -> Any:
-    """Return the observation that consists of the given arrays: a dictionary, or the array if its name is ""."""
+    """Return the observation with the given arrays by name: a dictionary, or a single array if its name is ""."""
     return parts[WHOLE] if WHOLE in parts else dict(parts)
 
 
@@ -66,8 +66,7 @@ class Absent:
 
 
 SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, int, np.float64, np.float32, np.int64)}
-"""NumPy type code, such as "<f8", of each scalar type that structured arrays store. Gymnasium stores `np.bool_` as an
-object."""
+"""NumPy type code, such as "<f8", of each scalar type that structured arrays of `info` store."""
 
 
 def kind_of(value: Any) -> Any:

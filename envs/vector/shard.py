@@ -56,8 +56,8 @@ class Shard:
     ) -> tuple[np.ndarray, Extras]:
         """Start episodes in the sub-environments selected by `mask`, and return their `info`.
 
-        Returns a structured array, shape (num_envs,), zero outside `mask`; and dictionaries of entries that it cannot
-        hold.
+        Returns a structured array, shape (num_envs,), zero for unselected sub-environments; and dictionaries of the
+        `info` entries that do not fit into it.
         """
         self._records.extras = {}
         for i, seed in enumerate(seeds):
@@ -69,14 +69,14 @@ class Shard:
         return np.where(mask, rows, np.zeros_like(rows)), self._records.extras
 
     def fix_kinds(self, kinds: Sequence[tuple[str, Any]]) -> None:
-        """Select the `info` entries (name, NumPy type) to store in a structured array instead of dictionaries."""
+        """Set the `info` entries (name, NumPy type) that a structured array stores; dictionaries store all others."""
         first, self._records = self._records.extras, Records(len(self.envs), kinds)
         for i, info in first.items():
             self._records.note(i, info)
         self._bind(range(len(self.envs)))
 
     def step(self) -> tuple[np.ndarray, Extras]:
-        """Step every sub-environment. Return `info` as a structured array, and other `info` entries as dictionaries."""
+        """Step every sub-environment, and return `info`: a structured array, and dictionaries of further entries."""
         arrays, records, ended = self._arrays, self._records, self._has_ended.copy()
         records.extras = {}
         self._steps += ~ended

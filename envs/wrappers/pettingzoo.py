@@ -168,7 +168,7 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self._take(observation, info, terminated=terminated, truncated=truncated)
 
     def observe(self, agent: str) -> Observation:
-        """Return an agent's observation at its last decision; zeros before the first decision."""
+        """Return an agent's observation from when its robot last needed a frontier; zeros before the first time."""
         return self._seen[agent]
 
     def _take(self, observation: Observation, info: dict[str, Any], *, terminated: bool, truncated: bool) -> None:

@@ -31,7 +31,7 @@ class Crowd:
     attentive: Share = 1.0
     """Probability that a person sees and avoids robots."""
     standing: Share = 0.0
-    """Probability that a person stands still."""
+    """Probability that a person stands still for the whole episode."""
     radius: tuple[Radius, Radius] = (0.3, 0.3)
     """Radius of a person, range (low, high) [m]."""
     speed: tuple[Speed, Speed] = (1.2, 1.5)
@@ -62,10 +62,10 @@ CROWDS = {
 }
 """Predefined crowds by name; all people avoid robots."""
 PeopleLike = int | tuple[int, int] | str | Crowd | Mapping[str, Any] | None
-"""Values of the argument `people`: number, range (low, high), `Crowd`, name of a predefined crowd, or mapping.
+"""Types of the argument `people`: number, range (low, high), `Crowd`, name of a predefined crowd, or mapping.
 
-A mapping sets parameters, starting from the crowd under its key `crowd` or the default. As text: `dense?attentive=0.5`,
-`20?attentive=0.5,model=orca`."""
+A mapping changes parameters of the crowd under its key `crowd`, or of the default. The same as text:
+`dense?attentive=0.5`, `20?attentive=0.5,model=orca`."""
 
 
 def crowd_of(people: PeopleLike) -> Crowd | None:

@@ -96,11 +96,11 @@ def _add_walls(lines, people, i, near, grid, horizon, dt):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def avoid(lines, k, away, own, other, reach, horizon, dt, share):
-    """Compute the half-plane of velocities that let a person avoid a moving disc (equation 5 of the ORCA paper).
+    """Compute the half-plane of a person's velocities that avoid a moving disc (equation 5 of the ORCA paper).
 
-    `lines`: half-planes; the result is `lines[k]`. `away`: position of the disc relative to the person [m]. `own`,
-    `other`: velocities of person and disc [m/s]. `reach`: sum of the radii [m]. `horizon`: time without collision [s].
-    `dt`: time until an existing overlap ends [s]. `share`: person's fraction of the velocity change.
+    `lines[k]`: output. `away`: position of the disc relative to the person [m]. `own`, `other`: velocities of person
+    and disc [m/s]. `reach`: sum of the radii [m]. `horizon`: time without collision [s]. `dt`: time until an existing
+    overlap ends [s]. `share`: person's fraction of the evasive velocity change.
     """
     px, py = away
     vx, vy = own[0] - other[0], own[1] - other[1]

@@ -26,7 +26,7 @@ class People:
         self.fields = np.empty((0, 0, 0), dtype=np.float32)
         """Cost-to-go from each grid cell to each destination of the crowd, shape (k, height, width), float32 [m]."""
         self.setup = np.zeros(at.WALLS)
-        """Parameters of the pedestrian model and static obstacles in one flat array, shape (k,), float64."""
+        """Parameters of the pedestrian model, and static obstacles, packed into one array, shape (k,), float64."""
 
     def reset(self, world: World, poses: Sequence[Pose2D], radius: float, rng: np.random.Generator | None) -> None:
         """Place people at the start of an episode.

@@ -1,17 +1,19 @@
 """Layout of the state vector (row) of a person."""
 
 X, Y, VX, VY, RADIUS, SPEED, KIND, GOAL, TRIP, SLOW, HEADING, PHASE, BLOCKED = range(13)
-"""Columns of a person's state vector.
+"""Columns of a person's state vector, in m, s and rad.
 
-World position [m] and velocity [m/s]; radius [m]; desired speed [m/s]; kind, such as `ATTENTIVE`; index of the
-destination; number of destinations so far; time of slow progress [s]; heading [rad]; stride phase [rad]; speed of
-walking into a robot [m/s]."""
+`SPEED`: desired speed. `GOAL`: index of the destination. `TRIP`: number of destinations so far. `SLOW`: time of slow
+walking. `PHASE`: phase of the stride. `BLOCKED`: speed of walking into a robot."""
 DRAWS, NUM_DRAWS = 13, 64
-"""First column and number of random numbers, uniform in [0, 1), that decide a person's destinations."""
+"""First column and number of the random numbers, uniform in [0, 1), in a person's state vector that choose
+destinations."""
 PERSON_SIZE = DRAWS + NUM_DRAWS
 ATTENTIVE, BLIND, STANDING, FIXED_ROUTE = range(4)
 """Kinds of people: avoiding robots, not avoiding robots, standing, and on a fixed route. All stop when they reach a
 robot."""
 ORCA, LEGS, ORIGIN_X, ORIGIN_Y, ROWS, COLS, MODEL, WALLS = *range(7), 16
-"""Indices in `People.setup`: flags for ORCA and for visible legs; origin (x, y), rows and columns of the obstacle grid;
-first parameter of the pedestrian model; start of the obstacle lists `Walls.near`."""
+"""Indices in `People.setup`, the packed parameters of the pedestrian model and the static obstacles.
+
+`ORCA`, `LEGS`: flags for the ORCA model and for visible legs. `MODEL`, `WALLS`: first entries of the model's parameters
+and of the obstacle table `Walls.near`. The others describe the table's grid."""

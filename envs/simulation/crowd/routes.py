@@ -19,21 +19,22 @@ RESOLUTION = 0.15
 NUM_DESTINATIONS = 8
 """Number of destinations of a crowd with `flow="anywhere"`."""
 STRIP_WIDTH = 0.5
-"""Maximum width of a destination strip at a side of the world, for `flow="along"` or `"across"` [m]."""
+"""Maximum depth of a destination that extends along a side of the world, for `flow="along"` or `"across"` [m]."""
 ARRIVAL_DISTANCE = 0.5
 """Cost-to-go below which a person has reached the destination [m]."""
 MEAN_STUCK_TIME = 3.0
-"""Mean time of slow progress before a person changes the destination [s]. Individual times vary by 50 %."""
+"""Mean time of slow walking before a person changes the destination [s]. Individual times vary by 50 %."""
 SLOW_FRACTION = 0.2
 """A person makes slow progress below this fraction of the desired walking speed."""
 NEXT_BY_DRAW = -1.0
-"""Marker in the last column of `Routes.points`: the next destination is chosen at random."""
+"""Value of "index of the next destination" in `Routes.points` that requests a random choice."""
 _PRECISION = 1e-3
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _WALL_COST, _FREE_CLEARANCE = 3.0, 0.25
-"""Added cost per metre of walking along a wall, and gap to the wall above which no cost is added [m]."""
+"""Extra walking cost per metre for a person touching a wall (open space costs 1), and gap to the wall that costs
+nothing extra [m]."""
 _OUTSIDE_COST = 8.0
-"""Walking cost per metre in free cells outside the connected space with room for a person; 1 in open space."""
+"""Walking cost per metre in free cells that are too narrow for a person or unreachable; open space costs 1."""
 
 Costs = tuple[np.ndarray, np.ndarray]
 

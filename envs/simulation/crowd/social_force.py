@@ -30,8 +30,8 @@ class SocialForce(NamedTuple):
     sideways: Share = 0.3
     """Force to the right for passing others, divided by their repulsion."""
     braking: Positive = 1.0
-    """Limit of other people's repulsion against the walking direction, divided by the driving force. At 1, people stop
-    in a dense crowd (Weidmann, 1993)."""
+    """Maximum backward push by all other people on a person, divided by the driving force (desired speed /
+    `relaxation`). At 1, people stop in a dense crowd (Weidmann, 1993)."""
     wall_strength: Positive = 6.0
     """Acceleration by repulsion of a wall in contact with a person [m/s2]."""
     wall_reach: Positive = 0.12
@@ -46,7 +46,7 @@ class SocialForce(NamedTuple):
 
 NUM_FORCES = len(SocialForce._fields)
 SIDE_SWITCH_TIME = 0.5
-"""Time of slow progress after which a person evades to the left instead of the right [s]."""
+"""Time of slow walking after which a person evades to the left instead of the right [s]."""
 MIN_PUSH_RATIO = 1e-3
 """Repulsion between two bodies is neglected below this fraction of the repulsion in contact."""
 

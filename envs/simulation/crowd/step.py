@@ -26,8 +26,8 @@ LEG_RADIUS, LEG_OFFSET, STRIDE = 0.06, 0.1, 0.35
 def step_people(people, points, fields, setup, robots):
     """Move people by one control period, before the robots move.
 
-    `people`: state vectors, updated. `points`, `fields`: destinations, and cost-to-go to each. `setup`: pedestrian
-    model and static obstacles. `robots`: state vectors; `TOUCHED` is set for robots that people walk into.
+    `people`, `robots`: state vectors, updated; `TOUCHED` is set for robots that people walk into. `points`, `fields`:
+    destinations, and cost-to-go to each. `setup`: parameters, see `People.setup`.
     """
     period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
     discs = np.empty((robots.shape[0], 5))

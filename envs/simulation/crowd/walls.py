@@ -18,10 +18,10 @@ class Walls(NamedTuple):
     """Lookup table of the static obstacles near each grid cell."""
 
     near: np.ndarray
-    """Lists of the obstacles near each grid cell, in one flat array, shape (k,), float64.
+    """Table of the obstacles near each grid cell, packed into one array, shape (k,), float64.
 
-    Sections: first index of each cell's list, and end of the last list; the lists, of first indices of obstacles; the
-    obstacles, five numbers (x0, y0, x1, y1, radius) each [m]."""
+    Contains for each cell the start of its list, the lists of obstacle indices, and per obstacle five numbers (x0, y0,
+    x1, y1, radius) [m]."""
     grid: tuple[float, float, float, float]
     """Origin (x, y) of the grid [m], and number of rows and columns."""
 
@@ -75,7 +75,7 @@ def _pairs(bodies, near, reach, origin_x, origin_y, rows, cols):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def near_list(near, grid, x, y):
-    """Return the range of indices (first, end) in `near` that lists obstacles near (x, y); empty outside the grid."""
+    """Return the section (first, end) of table `near` with the obstacles around (x, y). Empty outside the grid."""
     row, col = math.floor((y - grid[1]) / CELL), math.floor((x - grid[0]) / CELL)
     if not (0 <= row < grid[2] and 0 <= col < grid[3]):
         return 0, 0
