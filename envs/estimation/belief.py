@@ -21,7 +21,10 @@ class Correction(NamedTuple):
     """Past robot poses in the corrected map: shape (n, 3), float64 [m, m, rad]."""
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """Return points of the old map, each moved with the nearest past robot pose: shape (k, 2), float64 [m]."""
+        """Return points of the old map moved to the corrected map: shape (k, 2), float64 [m].
+
+        Each point moves like the nearest past robot pose.
+        """
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if len(self.before) == 0 or len(points) == 0:
             return points.copy()
@@ -36,7 +39,7 @@ class MapUpdate(NamedTuple):
     """Changes of the occupancy grid by the last scan."""
 
     new_cells: np.ndarray
-    """Map cells that became known, or all known cells if redrawn: (row, column) from `origin`, shape (k, 2), int32."""
+    """Map cells that became known, or all known cells of a recomputed map, as (row, column): shape (k, 2), int32."""
     window: Window | None
     """Rectangle of map cells that may have changed; None if the scan was not added to the map."""
     redrawn: bool = False
@@ -71,8 +74,8 @@ class Belief:
     people: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
     """Tracked people as x, y [m], velocity (x, y) [m/s] and radius [m]: shape (n, 5), float64, base frame."""
     on_people: np.ndarray | None = None
-    """Mask of the last scan's beams that end at possible people and are not mapped: shape (num_beams,), bool; None
-    without tracking."""
+    """Mask of the last scan's beams that end at tracked or possible people, and are kept out of the map: shape
+    (num_beams,), bool; None without tracking."""
     path: np.ndarray | None = None
     """Corrected trajectory if the map was redrawn, otherwise None: shape (n, 3), float64 [m, m, rad], one pose per
     processed scan."""

@@ -13,7 +13,7 @@ from lidarnaut.envs.geometry.lookup import load
 OCCUPIED_FROM = 50
 """Minimum occupancy of an occupied cell [percent]."""
 LARGEST_POOLED = 8
-"""Maximum side of pyramid blocks computed from map cells [cells]. Larger blocks are computed from smaller blocks."""
+"""Pyramid blocks up to this side are computed from map cells, larger blocks from smaller blocks [cells]."""
 
 _POOL = 4
 _FREE = np.uint16(0xFF)
@@ -34,11 +34,11 @@ def _add_columns(lines, sums):
 
 @njit(cache=True, error_model="numpy")
 def pool_cells(data, window, block, level):
-    """Compute square blocks of a pyramid level from the map cells in them, inside a rectangle of changed cells.
+    """Compute the blocks of a pyramid level inside a changed rectangle of the map.
 
     `data`: occupancy [percent], shape (height, width), int8; `window`: changed rectangle; `block`: side of a block
     [cells], a power of two up to `LARGEST_POOLED`; `level`: output, one uint16 per block: fraction of free cells times
-    255, and bits for occupied and visited; the last value, 0, stands for positions outside the map.
+    255, and bits for occupied and visited.
     """
     level_width = (data.shape[1] + block - 1) // block
     first, last = window.col // block, (window.col + window.width - 1) // block + 1
@@ -104,7 +104,10 @@ class Level:
     """Level of a map pyramid: the map divided into square blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Create a pyramid level of blocks with side `block` [cells], computed from level `finer` or from map cells."""
+        """Create a pyramid level of blocks with side `block` [cells].
+
+        Blocks are computed from the blocks of the level `finer`, or from map cells if None.
+        """
         self.block, self.finer = block, finer
         self.is_stale = True
         self.pending = NO_WINDOW

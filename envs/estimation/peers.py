@@ -12,10 +12,10 @@ PEER_MARGIN = 0.15
 
 @njit(cache=True, error_model="numpy")
 def remove_peers(ranges, directions, mount, pose, peers, reach):
-    """Return a scan with NaN for beams that end within `reach` [m] of another robot.
+    """Return a scan with NaN for beams that end within `reach` [m] of another robot's position.
 
     `directions`: cosine and sine of the beams, shape (2, num_beams); `mount`: position of the lidar, base frame [m];
-    `pose` (x, y, theta) and `peers` (positions, shape (m, 2)): map frame [m, rad].
+    `pose`: pose of this robot, and `peers`: positions of other robots, shape (m, 2), map frame [m, rad].
     """
     result = ranges.copy()
     x, y, theta = pose

@@ -1,4 +1,4 @@
-"""Person-sized clusters in scans and free-space tests, compiled with Numba.
+"""Detection of person-sized clusters in scans, and tests for free space, compiled with Numba.
 
 `p`: tracker parameters as floats; `scan`, `ranges`: shape (num_beams,), float32 [m].
 """
@@ -13,19 +13,19 @@ from lidarnaut.envs.geometry.rows import write_row
 CLUSTER_SIZE = 6
 """Number of values of a cluster: centre x, y [m], radius [m], number of beams, kind, and 1 if static."""
 BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
-"""Kinds of clusters: a person's body, a leg, a piece of a wall or other surface, a partly visible body."""
+"""Kinds of clusters: body of a person, leg, piece of a surface such as a wall, partly visible body."""
 PASSED, HIDDEN, HIT = 1, 0, -1
 """Results of a free-space test of a disc (outline of a person): beams pass through the disc, the disc is occluded, or a
 beam ends at the disc."""
 CORE_SHARE = 0.8
-"""Fraction of a person's radius tested for free space; the outer part may touch walls."""
+"""Free-space tests of a person's disc cover this fraction of its radius, as walls may touch the rim."""
 MAX_PART_SHARE = 0.75
 """Clusters with a radius below this fraction of a body's radius are taken for partly visible bodies."""
 BODY_RADIUS, MAX_FLAT_RATIO, MIN_FLAT_SIZE, MIN_FLAT_BEAMS = 0.3, 0.27, 0.25, 8
-"""Criteria for flat clusters, such as pieces of walls: `MIN_FLAT_SIZE` [m] wide or more, `MIN_FLAT_BEAMS` beams or
-more, and a depth below `MAX_FLAT_RATIO` times that of an arc with `BODY_RADIUS` [m]."""
+"""Limits for clusters too flat to be a person, such as pieces of walls: radius of a body [m], maximum depth divided by
+that of an arc with this radius, minimum width [m], minimum number of beams."""
 ARC_DEPTH = 0.785
-"""Distance from the mean of a disc's visible points to its centre, divided by its radius."""
+"""Distance from the mean of the scan points on a body to its centre, divided by its radius."""
 
 
 @njit(cache=True, error_model="numpy")

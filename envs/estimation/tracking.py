@@ -20,16 +20,15 @@ from .scan_clusters import BODY, CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters
 
 MAX_CLUSTERS, MAX_TRACKS = 256, 128
 X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_PERSON, ID, ON_FREE = range(16)
-"""Array indices of a track: position [m], velocity [m/s] and their covariance per axis, odometry frame; radius [m];
-number of matched clusters; number of misses since the last match; time of the last match [s]; start position [m]; 1
-if confirmed as a person; identifier; number of matches in free space."""
+"""Array indices of a track: Kalman filter in the odometry frame, then counters and flags. `SEEN`: time of the last
+match [s]; `BORN_X`, `BORN_Y`: start position [m]; `ON_FREE`: number of matches in free space."""
 TRACK_SIZE = 16
 TRACKED, NOT_STANDING, LARGE_ENOUGH = range(3)
 """Strictness of person detection: confirmed people only; also person-sized clusters not known to be static; or all
 person-sized clusters."""
 POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
-"""Array indices of the tracker's state: odometry pose [m, m, rad], time [s], number of tracks, number of stored scans,
-number of tracks started since the reset, number of clusters."""
+"""Array indices of the tracker's state: odometry pose [m, m, rad], time [s], and counters. `NUM_SCANS`: number of scans
+stored since the reset; `NUM_BORN`: number of tracks started since the reset."""
 
 
 MAX_UNSEEN_TIME = 0.35
@@ -48,8 +47,8 @@ class TrackerParams:
     """Neighbouring scan points are in different clusters if farther apart than this, plus a range-proportional distance
     set by `jump_angle` [m]."""
     jump_angle: float = 0.35
-    """Minimum angle between beam and surface for neighbouring points in one cluster [rad] (lambda of Borges and Aldon,
-    2004)."""
+    """Minimum angle between beam and surface for neighbouring points of a surface to stay in one cluster [rad] (lambda
+    of Borges and Aldon, 2004)."""
     max_size: float = 0.8
     """Maximum extent of a person [m]."""
     leg_size: float = 0.25
@@ -65,7 +64,7 @@ class TrackerParams:
     drift: float = 0.01
     """Increase of the range tolerance `margin` per second of a stored scan's age, for odometry drift [m/s]."""
     slope: float = 0.4
-    """A cluster is part of a wall if the next beam beyond either end is shorter than the end beam by less than this
+    """A cluster is part of a wall if the beam next to one of its ends is shorter than the end beam, by less than this
     [m]."""
     memory: float = 16.0
     """Duration of the scan history [s]."""
@@ -89,15 +88,15 @@ class TrackerParams:
     min_speed: float = 0.2
     """Minimum speed of a track for confirmation as a person [m/s]."""
     hidden_travel: float = math.inf
-    """A track not shown to cross free space is confirmed only beyond this distance from its start [m]; inf: never."""
+    """A track not seen in free space is confirmed only beyond this distance from its start point [m]; inf: never."""
     significance: float = 2.0
     """A track is confirmed only if its speed exceeds the speed's standard deviation by this factor."""
     max_std: float = 0.35
     """Maximum standard deviation of a reported person's position along an axis [m]."""
     stood_hits: int = 1
-    """A body-sized cluster counts as static if this number of stored scans show an obstacle at its position."""
+    """A body-sized cluster starts no track if this number of stored scans show an obstacle at its position."""
     static_hits: int = 12
-    """A person-sized cluster is mapped as static if this number of stored scans show an obstacle there, and none free
+    """A person-sized cluster is added to the map if this number of stored scans show an obstacle there, and none free
     space."""
     max_misses: int = 4
     """A track is deleted after this number of scans that show free space at its position."""
@@ -213,8 +212,8 @@ def _judge(track, ranges, lidar, p):
 def track_people(ranges, directions, motion, period, state, tracks, memory, clusters, p):
     """Update all tracks of people with a lidar scan, in place.
 
-    `motion`: base pose relative to the last scan, by odometry; `period`: time since the last scan [s]; `memory`: ring
-    buffers of the last n scans, shape (n, num_beams), float32 [m], and lidar poses (x, y, theta, time), shape (n, 4).
+    `motion`: base pose relative to the last scan, by odometry; `period`: time since the last scan [s]; `memory`: past
+    scans, shape (n, num_beams), float32 [m], and their lidar poses (x, y, theta, time), shape (n, 4).
     """
     scans, poses = memory
     x, y, theta = compose(state[0], state[1], state[2], motion[0], motion[1], motion[2])
@@ -277,7 +276,7 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
 
 @njit(cache=True, error_model="numpy")
 def write_bodies(state, tracks, p, bodies):
-    """Write confirmed people and recently seen unconfirmed tracks to `bodies`; return their number.
+    """Write confirmed and possible people (recently matched tracks) to `bodies`; return their number.
 
     `bodies`: x, y [m], velocity (x, y) [m/s], radius [m], base frame.
     """
@@ -342,7 +341,7 @@ class PeopleTracker:
 
     @property
     def bodies(self) -> np.ndarray:
-        """Confirmed people and recently seen unconfirmed tracks: shape (n, 5), float64, columns as in `people`."""
+        """Confirmed and possible people (recently matched tracks): shape (n, 5), float64, columns as in `people`."""
         bodies = np.empty((MAX_TRACKS, 5))
         return bodies[: write_bodies(self._state, self._tracks, self._numbers, bodies)]
 

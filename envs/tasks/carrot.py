@@ -21,17 +21,17 @@ from . import reach_kernels as own_at
 AHEAD = 0.8
 """Default lookahead distance [m]."""
 MAX_DESCENT = 6.0
-"""Length of the shortest path, from the robot, that is searched for the farthest point in line of sight [m]."""
+"""Length of the shortest path ahead of the robot that is searched for the farthest visible point [m]."""
 CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
-"""Parameters of the goal navigation that plans the path; failures practically never end it."""
+"""Parameters of the planner of the observed path, practically without limits on recoveries and searches."""
 
 
 @njit(cache=True, error_model="numpy")
 def find_carrot(own, x, y, lengths, ahead):
     """Return a lookahead point (x, y) for driving along the shortest path to the goal, world frame [m].
 
-    The point lies `ahead` [m] from the robot at (x, y), towards the farthest path cell in line of sight. `own`: state
-    array of the task; `lengths`: geodesic distances of raster cells to the goal [m].
+    The point lies `ahead` [m] from the robot at (x, y), towards the farthest visible point of the path. `own`: state
+    array of the task; `lengths`: raster of geodesic distances to the goal [m].
     """
     if own[own_at.LEFT] <= ahead:
         return own[own_at.TRUE_X], own[own_at.TRUE_Y]
@@ -69,9 +69,10 @@ def _is_free(x, y, to_x, to_y, lengths):
 
 @njit(cache=True, error_model="numpy")
 def write_carrots(rows, owns, lengths, ahead, active, out):
-    """Write observations of lookahead points: cosine and sine of the direction, and path length to the goal.
+    """Write observations of lookahead points on shortest paths, for several environments.
 
-    The length is divided by `ahead` [m], at most 1. `active`: mask of environments; `out`: shape (n, 3), float32.
+    Values: cosine and sine of the direction; path length to the goal divided by `ahead` [m], at most 1. `active`: mask
+    of environments; `out`: shape (n, 3), float32.
     """
     for k in range(rows.shape[0]):
         if active[k]:
@@ -138,5 +139,5 @@ CARROTS = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
 
 
 def make_carrot(task: Any, path: str = "plan", ahead: float = AHEAD) -> PlannedCarrot:
-    """Create the observation of a point on the planned path ("plan") or the true shortest path ("shortest")."""
+    """Create the observation of a lookahead point on the planned ("plan") or the true shortest path ("shortest")."""
     return resolve(path, CARROTS, "path of carrot")(task, ahead)

@@ -15,7 +15,7 @@ EXPLORABLE, KNOWN, SEEN = 1, 2, 4
 """Bit flags of a cell in the world's raster: can be explored; is known in the map; was observed from the true pose."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
 TOLERANCE = 2.0
-"""A point counts as observed within this distance of a beam [raster cells]."""
+"""Maximum distance between a beam and a point that it observes [raster cells]."""
 
 
 class Frame(NamedTuple):
@@ -44,7 +44,7 @@ class TrueScan(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def sees(scan, x, y, tolerance):
-    """Return True if a scan observes a point: a beam within `tolerance` [m] of (x, y), world frame, reaches it."""
+    """Return True if a beam passes or ends within `tolerance` [m] of the point (x, y), world frame."""
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
     if distance > scan.range_max + tolerance:
@@ -74,11 +74,12 @@ def sees(scan, x, y, tolerance):
 
 @njit(cache=True, error_model="numpy")
 def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pending):
-    """Mark cells of the world as known if the map has new cells there, and as explored if a scan observes them.
+    """Update the explored cells of the world after new cells appeared in the map.
 
-    `new_cells`: map cells (row, column), shape (k, 2), int32; `start`: pose of the map frame, world frame; `cells`: bit
-    flags of the world's cells, shape (height, width), uint8; `pending`: list of `num_pending` known, unobserved cells
-    (row, column), shape (n, 2), int32. Returns the number of newly explored cells, and the new `num_pending`.
+    A cell is explored if the map contains it and a scan observed it. `new_cells`: new map cells (row, column), shape
+    (k, 2), int32; `start`: pose of the map frame, world frame; `pending`: the `num_pending` world cells (row, column)
+    that are known but not observed, shape (n, 2), int32. Returns the number of newly explored cells, and the new
+    `num_pending`.
     """
     height, width = cells.shape
     # affine transform from map cells to raster cells
@@ -112,7 +113,11 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
 
 @njit(cache=True, error_model="numpy")
 def mark_seen(cells, frame, scan, pending, num_pending):
-    """Mark known cells of the world as explored if a scan observes them, and remove them from the list `pending`."""
+    """Mark known cells of the world as explored if a scan observes them.
+
+    `pending`: known cells (row, column) that are not observed. Returns the number of newly explored and of pending
+    cells.
+    """
     tolerance = TOLERANCE * frame.resolution
     count = kept = 0
     for k in range(num_pending):
@@ -129,7 +134,7 @@ def mark_seen(cells, frame, scan, pending, num_pending):
 
 
 class Coverage:
-    """Part of the explorable area that robots have explored, measured in the true world.
+    """Explored part of the explorable area, measured in the true world.
 
     A cell is explored if (1) the map contains it at its true position, and (2) a scan from the robot's true pose
     observed it when it was mapped, or later.

@@ -28,12 +28,12 @@ from .starts import UnknownWorldTask
 CELL = 0.1
 """Approximate cell size of the geodesic distance field [m]."""
 AIM_RANGE, AIM_STEP = 2.0, 0.5
-"""Distance from the robot to the aim point, and shift of the aim point that triggers an update [m]. Controllers drive
-to an aim point if only the bearing of the goal is known."""
+"""If only the goal's bearing is known, controllers drive to an aim point `AIM_RANGE` [m] ahead of the robot in this
+direction. The aim point is updated if it shifts by more than `AIM_STEP` [m]."""
 BENCHMARK_LIMIT = 100.0
 """Time limit in BARN benchmark worlds [s]."""
 BARN_SPEED = 2.0
-"""Robot speed for the ideal time in BARN benchmark worlds [m/s]."""
+"""Robot speed assumed in the ideal driving time of the BARN benchmark's score [m/s]."""
 QUANTITIES = {
     "progress": own_at.PROGRESS,
     "time": own_at.TIME,

@@ -14,14 +14,13 @@ from lidarnaut.envs.transition import BY_ROBOT
 GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
 """Indices in the task's state array: goal (x, y) in the map frame and in the world frame [m]."""
 TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
-"""Indices in the task's state array: goal tolerance [m]; 1 if contact ends the episode; origin (x, y) and cell size of
-the grid of geodesic distances [m]; geodesic distance from start to goal [m]."""
+"""Indices in the task's state array: constants of an episode. `ENDS`: 1 if contact ends the episode; `FIELD_...`:
+origin and cell size of the grid of geodesic distances [m]; `LENGTH`: geodesic distance from start to goal [m]."""
 PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
-"""Indices in the task's state array: reward quantities of the last control period (decrease of the geodesic distance
-[m], duration [s], collision, closeness to obstacles, closeness to people)."""
+"""Indices in the task's state array: reward terms of the last control period, before weighting."""
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
-"""Indices in the task's state array: end reason; straight and geodesic distance to the goal [m]; driven fraction of the
-initial geodesic distance; 1 if the goal is reached."""
+"""Indices in the task's state array: end reason and metrics. `LEFT`: geodesic distance to the goal [m]; `SHARE`: driven
+fraction of the initial geodesic distance."""
 MOVED_AT, JERK, LAST_V, LAST_ACC = range(20, 24)
 """Indices in the task's state array: time of first motion [s], summed absolute jerk [m/s3], last commanded forward
 speed [m/s] and acceleration [m/s2]."""
@@ -40,8 +39,8 @@ MOVED = 0.1
 def measure_goal(row, own, lengths):
     """Update distances to the goal, driven fraction of the path, and success in the task's state array `own`.
 
-    `row`: state vector of the robot; `lengths`: geodesic distances of raster cells to the goal, shape (height, width),
-    float32 [m], inf outside free space. Outside free space, the geodesic distance is not updated.
+    `row`: state vector of the robot; `lengths`: raster of geodesic distances to the goal, float32 [m], inf outside free
+    space. While the robot is outside free space, its geodesic distance keeps the last value.
     """
     x, y = row[at.X], row[at.Y]
     own[DISTANCE] = distance(own[TRUE_X] - x, own[TRUE_Y] - y)

@@ -81,7 +81,7 @@ def rectangle(start: Pose2D) -> np.ndarray:
 
 
 class Progress:
-    """Progress of a robot along a route; never decreases or jumps at crossings."""
+    """Position of a robot along a route; never moves backwards or jumps at crossings."""
 
     def __init__(self, route: Route) -> None:
         self.route = route
@@ -89,7 +89,7 @@ class Progress:
         """Index of the route point nearest to the robot."""
 
     def update(self, pose: Pose2D) -> tuple[float, float]:
-        """Return the arc length reached on the route and the offset of `pose` to the left [m]."""
+        """Move to the route point nearest to `pose`; return its arc length and the offset of `pose` to the left [m]."""
         route = self.route
         ahead = route.points[self.index : self.index + WINDOW] - pose[:2]
         self.index += int(np.argmin(np.einsum("ij,ij->i", ahead, ahead)))
@@ -109,7 +109,7 @@ class Progress:
 def steer(progress: Progress, pose: Pose2D, speed: float, lookahead: float) -> Twist:
     """Return the pure pursuit command (forward speed, yaw rate) for a speed [m/s] and a lookahead distance [m].
 
-    `pose`: base pose, frame of the route; `progress`: already updated with this pose.
+    `pose`: base pose, frame of the route; `progress`: position along the route, updated with this pose.
     """
     x, y = pose.inverse().transform(progress.ahead(np.array([lookahead])))[0]
     return Twist(speed, speed * 2.0 * y / max(x * x + y * y, 1e-6))

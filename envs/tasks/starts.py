@@ -62,7 +62,7 @@ class WorldTask(Task):
 
     @property
     def sampler_ahead(self) -> Any:
-        """World sampler that may draw the next world during an episode; None if it would run user code."""
+        """Function that draws the world of the next episode in advance; None if it would run user code."""
         is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
         return self._sample if is_own and has_no_effects(self._sample) else None
 
@@ -75,7 +75,10 @@ class WorldTask(Task):
         return drawn
 
     def place(self, world: World, start: Any) -> World:
-        """Return the world of the map area that contains the first robot's given start pose, otherwise `world`."""
+        """Return the world to use for a start pose.
+
+        If `world` was built from a map, this is the world of the free map area around the first robot's start pose.
+        """
         wanted = self._start if start is None else read_start(start, self.num_robots)
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 
@@ -156,10 +159,9 @@ def _reason(area: ExplorableArea, world: World, robot: RobotParams, pose: Pose2D
 def draw_starts(
     area: ExplorableArea, world: World, robot: RobotParams, first: Pose2D, num_robots: int, rng: np.random.Generator
 ) -> list[Pose2D]:
-    """Draw start poses of a team, world frame, in the line of sight of the first robot and apart from each other.
+    """Draw start poses of a team near the first robot, in its line of sight and apart from each other, world frame.
 
-    In narrow spaces starts are farther away, closer together, or out of sight. ValueError if there is no room within
-    eight times `START_DISTANCE`.
+    Without enough space, starts may be out of sight, closer together or farther away. ValueError if there is no room.
     """
     starts, circles = [first], world.circles_at_start
     start_cells = area.walls.centers(np.argwhere(area.start_cells))

@@ -159,7 +159,10 @@ class Track(Task):
         return self.starts
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return the localizer's map, made by a mapping drive at the first call, with initial pose at its origin."""
+        """Return the map for the localizer, and its origin as initial pose.
+
+        A mapping drive makes the map at the first call.
+        """
         drive = self.physics, self.slam, self.route_world.points.tobytes()
         made_with = self.map_resolution, self.control_period, self.map_seed
         route_map = make_route_map(self._world, self.robot, *drive, *made_with)

@@ -22,14 +22,14 @@ from .world_file import Number, Size
 OCCUPIED_THRESH = 0.65
 """Minimum occupancy of occupied pixels in saved maps, from 0 to 1."""
 FREE_THRESH = 0.196
-"""Maximum occupancy of free pixels in saved maps, from 0 to 1. Grey 205 (unknown) has 0.19608."""
+"""Maximum occupancy of free pixels in saved maps, from 0 to 1; just below the 0.19608 of unknown pixels (grey 205)."""
 SAVED_UNKNOWN = 205
 """Grey value of unknown cells in images from map_saver."""
 SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
 """Grey values in images from map_saver, and pure white."""
 SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
-"""An image is taken for a map_saver image if the fraction `SAVED_SHARE` of its pixels have `SAVED_VALUES`, with a
-tolerance of `SAVED_TOLERANCE` grey values."""
+"""An image counts as written by map_saver if at least the fraction `SAVED_SHARE` of its pixels have one of the grey
+values `SAVED_VALUES`, within `SAVED_TOLERANCE`."""
 MAX_YAW = 1e-6
 """Maximum yaw of a map that counts as not rotated [rad]."""
 IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")

@@ -20,7 +20,7 @@ ENCLOSED_SHARE, EDGE_SHARE = 0.5, 0.2
 DOOR_WIDTH = 1.2
 """Openings up to this width count as doors between rooms [m]."""
 MIN_AREA = 1.0
-"""Enclosed areas below this size are ignored, unless all areas are smaller [m2]."""
+"""Free map areas smaller than this do not count as enclosed, unless all areas are smaller [m2]."""
 FREE_SPACE = "in free space of the map"
 _PROGRESS_DELAY = 2.0
 
@@ -89,7 +89,7 @@ def _value_at(values: np.ndarray, grid: OccupancyGrid, pose: Pose2D) -> int:
 
 
 def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
-    """Return a phrase for the map cell at a pose, for messages: free, occupied, unknown or outside."""
+    """Return a phrase for error messages: whether a pose is in free, occupied or unknown space or outside the map."""
     value = _value_at(grid.data, grid, pose)
     if value < 0:
         return "in unknown space of the map" if value == UNKNOWN else f"outside of the map, which covers {grid.bounds}"
@@ -97,7 +97,7 @@ def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
 
 
 def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, margin: float = 0.0) -> tuple[int, bool]:
-    """Return the label of the largest enclosed free area, or else the largest, and whether it is enclosed."""
+    """Return the label of the largest enclosed free area and True, otherwise that of the largest area and False."""
     reach, rim = (math.ceil(min(gap / grid.resolution, max(labels.shape))) for gap in (margin + WALL_WIDTH, margin))
     is_open = ndimage.minimum_filter((grid.data < OCCUPIED_FROM).astype(np.uint8), 2 * reach + 1, mode="nearest")
     kinds = np.full((labels.shape[0] + 2, labels.shape[1] + 2), 2)  # neighbours of an area: 0 open, 1 wall, 2 map edge
@@ -132,7 +132,10 @@ def _areas(world: World) -> np.ndarray:
 
 
 def area_around(world: World, pose: Pose2D) -> World:
-    """Return the world of the connected free map area that contains a pose, or `world` without such an area."""
+    """Return the world built from the free map area that contains a pose.
+
+    Return `world` if it has no map, or the pose is in no free area.
+    """
     if world.map is None:
         return world
     labels = _areas(world)
@@ -150,9 +153,9 @@ def _other_area(world: World, label: int) -> World:
 
 @kept_with_world
 def left_out(world: World) -> OccupancyGrid:
-    """Return the map's free areas that are not part of the world, as an occupancy grid.
+    """Return a grid that marks the map's free areas outside the world with 100, and other cells with 0.
 
-    These areas are 100, other cells 0; cropped to the known part of the map.
+    The grid covers the known part of the map.
     """
     assert world.map is not None
     labels, known = _areas(world), np.argwhere(world.map.data >= 0)

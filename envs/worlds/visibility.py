@@ -10,7 +10,7 @@ from lidarnaut.envs.progress import Progress
 NUM_DIRECTIONS = 180
 """Number of directions of lines of sight from a cell."""
 _HEIGHT, _WIDTH = 8, 128
-"""Height and width of a block of cells processed in parallel [cells]. Each byte holds eight cells of a column."""
+"""Size of a block of cells that are tested at once [cells]; one byte holds eight cells of a column."""
 _ROWS = 10 * _HEIGHT
 _PROGRESS_DELAY = 2.0
 
@@ -18,10 +18,10 @@ _PROGRESS_DELAY = 2.0
 def visible_from(
     free: np.ndarray, goals: np.ndarray, candidates: np.ndarray, reach: float, name: str = ""
 ) -> np.ndarray:
-    """Return the mask of raster cells with a free line of sight to a goal cell, including the goal cells.
+    """Return the mask of raster cells with a free line of sight to a cell of the mask `goals`, including `goals`.
 
-    `free`, `goals`, `candidates`: masks of free cells, goal cells and cells to test, shape (height, width), bool;
-    `reach`: maximum length of lines [cells].
+    `free`, `candidates`: masks of free cells and cells to test, shape (height, width), bool; `reach`: maximum length of
+    lines of sight [cells].
     """
     height = len(free)
     reach = min(reach, 2.0 * max(free.shape))  # longer lines leave the raster
@@ -44,7 +44,7 @@ def visible_from(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _comes_near(free, goals, straight, diagonal, reach):
-    """Return the mask of cells with a path to a goal cell of at most `reach` steps through free cells."""
+    """Return the mask of cells that are at most `reach` steps through free cells from a cell of the mask `goals`."""
     height, width = free.shape
     far = np.uint16(2**16 - 2)
     near = np.empty((height, width), dtype=np.bool_)
@@ -74,10 +74,6 @@ def _comes_near(free, goals, straight, diagonal, reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _lines(reach):
-    """Compute lines of sight from cell (0, 0) in `NUM_DIRECTIONS` directions.
-
-    Returns, for each line, the change of (row, column) per step, the number of steps, and the cells (row, column).
-    """
     slopes = np.empty((NUM_DIRECTIONS, 2))
     lengths = np.empty(NUM_DIRECTIONS, dtype=np.int64)
     lines = np.empty((NUM_DIRECTIONS, int(reach) + 1, 2), dtype=np.int64)
@@ -93,7 +89,7 @@ def _lines(reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _pack(mask):
-    """Pack a mask into bytes with a border of zeros. Bit b at (row, column) is the mask at (row + b, column)."""
+    """Pack a mask into bytes, each with eight cells of a column, with a border of zeros."""
     height, width = mask.shape
     packed = np.zeros((height + 2 * _HEIGHT, width + 2 * _WIDTH), dtype=np.uint8)
     for row in range(height - 1, -_HEIGHT, -1):
@@ -108,7 +104,6 @@ def _pack(mask):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _look(plain, ends, wanted, lengths, lines, first, last, visible):
-    """Set `visible` for cells of the mask `wanted` with a line of sight to a goal cell, in rows `first` to `last`."""
     height, width = visible.shape
     left, alive = np.empty(_WIDTH, dtype=np.uint8), np.empty(_WIDTH, dtype=np.uint8)
     for top in range(first, last, _HEIGHT):

@@ -20,7 +20,7 @@ class _Family:
     high: Size
     """Upper limit of random outer sizes (x, y) [m]."""
     radius: float = 0.25
-    """Worlds are scaled up for robots with a larger radius than this [m]."""
+    """Robot radius that worlds are designed for [m]; worlds are scaled up for larger robots."""
 
 
 _FAMILIES = {

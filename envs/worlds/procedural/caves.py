@@ -75,10 +75,7 @@ def _link(links, a, b):
 
 @njit(cache=True, error_model="numpy")
 def _march(field, level, links, points):
-    """Find the crossings of a contour with grid edges, and link neighbouring crossings (marching squares).
-
-    Grid edge 2 k joins point k to its right neighbour, edge 2 k + 1 to its upper neighbour.
-    """
+    """Find the crossings of a contour with grid edges, and link neighbouring crossings (marching squares)."""
     height, width = field.shape
     for row in range(height):
         for col in range(width):

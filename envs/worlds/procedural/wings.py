@@ -17,8 +17,8 @@ _SHAPES = {
     "X": (((2, 0, 4),), ((2, 0, 4),)),
     "Z": (((2, 1, 3),), ((1, 0, 2), (3, 2, 4))),
 }
-"""Corridors of buildings in the shape of a letter: along y, then along x. Each corridor is (line, start line, end line)
-in a grid of five lines per axis, from wall (0) to wall (4)."""
+"""Corridors of buildings by letter: vertical corridors, then horizontal corridors. Each corridor is (line, start line,
+end line) on a grid of five lines per axis."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
