@@ -28,9 +28,7 @@ from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 
 _MIN_HITS = 5
 _WIDE_FACTOR = 4.0
-"""A search for alternative poses starts at this particle position spread, as a multiple of `lost_spread`."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
-"""Covariance of x, y, heading [m2, m2, rad2] of particles that restart at an alternative pose."""
 
 
 class _MapTables:

@@ -82,7 +82,8 @@ class AmclParams:
     lost_fit: Share = 0.5
     """Minimum share of beam end points of recent scans that fit the map. Below this share, the robot is lost."""
     lost_updates: Count = 5
-    """Number of recent scans compared with `lost_fit`, and minimum number that confirms a global localization."""
+    """Number of recent scans over which the fit to the map is averaged. Global localization takes at least as many
+    scans."""
     lost_spread: Positive = 0.5
     """Maximum position spread (RMS) of the heaviest particle cluster [m]. Above this spread, the robot is lost."""
     relocalize: bool = False

@@ -59,7 +59,10 @@ def find_bins(particles, raster, bins):
 
 
 def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -> tuple[float, np.ndarray]:
-    """Find the heaviest cluster of particles in connected bins; return its weight, and all weights (0 outside)."""
+    """Find the heaviest cluster of particles, in connected histogram bins.
+
+    Return its weight, and the particle weights, set to 0 outside of the cluster.
+    """
     rows, cols, angles = np.unravel_index(bins, raster.shape)
     rows, cols = rows - rows.min(), cols - cols.min()
     occupied = np.zeros((rows.max() + 1, cols.max() + 1, raster.shape[2] + 1), dtype=bool)

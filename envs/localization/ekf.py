@@ -28,8 +28,8 @@ MAX_STEPS = 5000
 """Maximum number of integration steps per prediction."""
 
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
-"""Minimum number of refused time stamps before a clock jump is accepted; factor on the waiting time (`patience`) if
-only one of several sensors jumps."""
+"""A jump of the clock is accepted after at least this number of measurements with refused time stamps. The timeout
+`patience` is multiplied by the factor if only one of several sensors jumps."""
 
 Kind = Literal["map", "encoder", "compass"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -40,8 +40,8 @@ MEASURED: dict[str, np.ndarray] = {
 }
 """Indices of the state components that each sensor measures: nonzero columns of its measurement matrix H."""
 Verdict = Literal["accepted", "recovered", "gated", "too_old", "too_new", "unusable"]
-"""Outcome of a measurement: applied (`accepted`, or `recovered` after divergence), outlier (`gated`), wrong time stamp
-(`too_old`, `too_new`) or not finite (`unusable`)."""
+"""Verdict of the filter on a measurement: applied (`accepted`, or `recovered` after divergence), outlier (`gated`),
+wrong time stamp (`too_old`, `too_new`) or not finite (`unusable`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,12 +177,12 @@ class Ekf:
 
     @property
     def counts(self) -> dict[str, dict[Verdict, int]]:
-        """Number of measurements since the reset, by sensor and outcome."""
+        """Number of measurements since the reset, by sensor and verdict, such as `accepted`."""
         counts = self._counts + _tally(self._moments)
         return {kind: {verdict: n for (of, verdict), n in counts.items() if of == kind} for kind in KINDS}
 
     def add(self, measurement: Measurement) -> Verdict:
-        """Apply a measurement and return the outcome, such as `accepted` or `gated`.
+        """Apply a measurement; return the verdict: `accepted`, or a reason, such as `gated` for outliers.
 
         Raises:
             ValueError: invalid covariance.

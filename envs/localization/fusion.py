@@ -19,7 +19,7 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
     "amcl": (),
     "full": ("map", "encoder", "compass"),
 }
-"""Sensors used by the Kalman filter, by name of the fusion. `amcl` is AMCL without Kalman filter."""
+"""Sensors that the Kalman filter fuses, by name of the combination; none for `amcl`, which is AMCL without filter."""
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.025, 0.025, 0.003)

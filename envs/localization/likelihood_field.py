@@ -37,7 +37,7 @@ class Beams:
         return np.ascontiguousarray(ranges[self._picked])
 
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return beam end points, shape (2, n), float32, base frame [cells], and the number of valid columns."""
+        """Return beam end points, base frame [cells]: first columns of an array, shape (2, n), and their number."""
         points = np.empty((2, self.geometry.directions.shape[1]), dtype=np.float32)
         return points, project_hits(self.pick(ranges), self.geometry, points)
 
@@ -110,8 +110,7 @@ def sum_fields(field, points, num_points, particles, sums):
 def multiply_by_sum(weights, sums, unit):
     """Multiply particle weights by 1 + the sum of cubed beam likelihoods, as in ROS; return the weighted mean factor.
 
-    `weights`: shape (n,). `sums`: sum of likelihood field values over beams, per particle. `unit`: cubed likelihood per
-    unit of `sums`.
+    `weights`: shape (n,). `sums`: sum of scaled cubed likelihoods over beams, per particle. `unit`: their scale.
     """
     mean = 0.0
     for i in range(weights.shape[0]):
@@ -123,10 +122,10 @@ def multiply_by_sum(weights, sums, unit):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
-    """Multiply particle weights, shape (n,), by scan likelihoods, up to a constant factor.
+    """Multiply particle weights, shape (n,), by scan likelihoods, up to a common factor; return the mean likelihood.
 
-    `sums`: sum of log-likelihood field values over beams, per particle. Returns the weighted mean of the geometric mean
-    likelihood per beam, or 0 without `needs_mean`.
+    `sums`: sum of scaled log-likelihoods over beams, per particle. The mean is geometric over beams, and weighted over
+    particles; 0 without `needs_mean`.
     """
     best = sums.max()
     mean = 0.0

@@ -10,7 +10,6 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from .amcl_params import AmclParams
 
 MIN_TRANSLATION = 0.01
-"""Minimum translation that has a defined direction of motion [m]."""
 _MEAN = np.int32(2 * 65535)
 _SCALE = np.float32(1.0 / math.sqrt((2.0**32 - 1.0) / 3.0))
 _PI = np.float32(math.pi)

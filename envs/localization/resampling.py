@@ -13,7 +13,7 @@ GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 def particles_needed(num_bins, error, quantile):
     """Return the number of particles that KLD-sampling needs for `num_bins` occupied bins (Fox 2003, equation 7).
 
-    `error`: maximum Kullback-Leibler divergence. `quantile`: of the standard normal distribution.
+    `error`: maximum Kullback-Leibler divergence. `quantile`: standard normal quantile of the probability of this bound.
     """
     if num_bins < 2:
         return 0.0
@@ -26,7 +26,7 @@ def particles_needed(num_bins, error, quantile):
 def cumulate(weights, cumulated, guide):
     """Compute cumulative particle weights, shape (n,), and a lookup table for drawing particles by weight.
 
-    `guide`: lookup table, shape (n,), int32; entry k is the particle that number k / n draws.
+    `guide`: lookup table, shape (n,), int32. Entry k is the first particle to try for random numbers from k / n.
     """
     n = weights.shape[0]
     total = 0.0
@@ -43,12 +43,11 @@ def cumulate(weights, cumulated, guide):
 
 @njit(cache=True, error_model="numpy")
 def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
-    """Resample particles by weight; return the number drawn, which KLD-sampling determines.
+    """Draw particles by weight into `drawn`; return their number, chosen by KLD-sampling.
 
-    `particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: normalized, shape (n,). `bins`: histogram
-    bin of each particle, shape (n,), int32. `start`: random number from 0 to 1. `kld`: `min_particles`, `kld_err`,
-    `kld_z` of `AmclParams`. `injected`: random particles, shape (3, f). `share`: their share of `drawn`, the output.
-    `seen`: scratch, shape (num_bins,), all False.
+    `particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: normalized. `bins`: histogram bin of each
+    particle. `kld`: `min_particles`, `kld_err`, `kld_z` of `AmclParams`. `injected`: random particles, shape (3, f);
+    `share`: their share of `drawn`. `seen`: scratch, all False.
     """
     n = particles.shape[1]
     cumulated, guide = np.empty(n), np.empty(n, dtype=np.int32)

@@ -12,7 +12,7 @@ from lidarnaut.envs.geometry import Pose2D
 from .likelihood_field import MAX_ENTRY, LikelihoodField, sum_fields
 
 TOLERANCE = 0.03
-"""An alternative pose is kept if its score (at most 1) is at most this far below the estimated pose's."""
+"""Alternative poses that score lower than the estimated pose by more than this are discarded; scores are at most 1."""
 MIN_SEPARATION, MIN_SEPARATION_ANGLE = 0.5, math.radians(20.0)
 """Poses within this distance [m] and heading difference [rad] count as one pose."""
 MAX_RIVALS = 20
@@ -22,18 +22,17 @@ MAX_HITS = 1000
 MAX_PENETRATION = 0.2
 """Beams that end farther behind a mapped obstacle count as passing through the obstacle [m]."""
 DENSITY, MAX_DRAWN = 4000.0, 1_000_000
-"""Random poses that start a search for alternatives to the estimated pose: number per free area of the map [1/m2],
-maximum number."""
+"""Number of random poses that start a search for alternative poses: per free area of the map [1/m2], and maximum."""
 NUM_SEARCHES = 3
 """The estimated pose is confirmed after this number of consecutive searches without alternative pose."""
 MAX_PER_BIN = 4
 """Maximum number of poses that a search keeps per cell of 0.5 m and 20 degrees, for diversity."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
-"""Stages of a coarse-to-fine search for alternative poses. Per stage: number of beam end points that score a pose,
-number of best poses kept, standard deviations of successive random steps [m]."""
+"""Stages of a coarse-to-fine random search for alternative poses. Each stage has the number of beam end points that
+score a pose, the number of poses kept, and standard deviations of the random steps that improve poses [m]."""
 NUM_COPIES, TRACKING_STEPS = 16, (0.03, 0.02, 0.01)
-"""Refinement of the estimated and alternative poses: number of random copies of each, standard deviations of their
-successive random steps [m]."""
+"""Random search that improves the known poses: number of copies per pose, standard deviations of the successive random
+steps of copies [m]."""
 STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
 
 NO_RIVALS = np.empty((0, 4))
@@ -68,7 +67,7 @@ def count_crossed(field, hits, lidars, margin, pose):
 
 
 def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Return a mask of `poses`, shape (3, n), that lie beyond `MIN_SEPARATION` or its angle from `pose`."""
+    """Return a mask of `poses`, shape (3, n), that differ from `pose` by more than 0.5 m or 20 degrees."""
     x, y, turn = poses - pose
     return (np.hypot(x, y) > MIN_SEPARATION) | (np.cos(turn) < math.cos(MIN_SEPARATION_ANGLE))
 

@@ -42,7 +42,7 @@ rosbag2.reader.zstd = SimpleNamespace(open=rosbag2.reader.zstd.open, decompress=
 
 
 class _Folder(type(Path())):  # type: ignore[misc]
-    """Folder path without suffix `.bag`, which `rosbags` would take for a ROS 1 bag."""
+    """Folder path that hides a suffix `.bag`, as `rosbags` takes such paths for ROS 1 bags."""
 
     @property
     def suffix(self) -> str:

@@ -21,7 +21,8 @@ from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back, trajectory_
 MAX_STEP = 100.0
 """Maximum odometry distance between successive scans of a valid log [m]."""
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
-"""Scans in odometry gaps above both this duration [s] and this motion [m or rad] are dropped."""
+"""Scans are dropped in odometry gaps that last longer than this time [s] while the robot moves farther than this [m,
+rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,7 +30,7 @@ from .runs import Run, measure, replay, save_replay
 
 TRUTH = "truth"
 SPARSE = 0.5
-"""Median distance between scans above which the preset `sparse` is suggested [m]."""
+"""The preset `sparse` is suggested from this median distance between scans [m]."""
 
 
 @dataclass(frozen=True)

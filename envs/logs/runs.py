@@ -62,8 +62,8 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
     """Run a SLAM on a log; return poses and computation times.
 
     Final poses come from `Belief.path` (one pose per scan), set at map corrections or by an optional method `finish()`.
-    If the SLAM corrects selected poses only, its attribute `anchor` is a path index and the current pose relative to
-    that path pose.
+    A SLAM that corrects only some poses has an attribute `anchor`: index of a pose in the path, and the current pose
+    relative to that pose.
 
     Raises:
         ValueError: invalid belief or corrected path.

@@ -69,7 +69,7 @@ class Limits(NamedTuple):
 
 
 def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], dict[str, list[str]]]:
-    """Select usable scans, and make their beams counter-clockwise; return them, and error messages by kind.
+    """Return the usable scans, with counter-clockwise beams, and error messages of the others, by kind of error.
 
     Raises:
         ValueError: no scan is usable.
@@ -119,11 +119,11 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
 
 
 def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple[float, float, float]]:
-    """Resample scans to common beams; return ranges, shape (m, num_beams), float32 [m], and the beam geometry.
+    """Resample scans to common beam angles; return ranges, shape (m, num_beams), float32 [m], and the beam geometry.
 
-    The geometry is first angle, angle increment [rad] and lidar position [m]. The beams cover all fields of view at the
-    10 % quantile of increments. Ranges are interpolated between adjacent beams on one surface, else nearest; NaN
-    outside of a scan's field of view. Scans of a moving lidar are shifted to the median position.
+    The geometry is first angle, angle increment [rad] and lidar position [m]. Ranges are interpolated between adjacent
+    beams on one surface, else nearest; NaN outside of a scan's field of view. Scans of a moving lidar are shifted to
+    the median position.
     """
     counts = np.array([len(scan.ranges) for scan in scans])
     steps, positions = np.array([scan.step for scan in scans]), np.array([scan.position for scan in scans])

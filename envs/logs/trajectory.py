@@ -13,9 +13,9 @@ MAX_CLOCK_JUMP = 1.0
 MAX_SPEEDS = (5.0, 10.0)
 """Default speed limits above which odometry counts as faulty: forward [m/s] and yaw rate [rad/s]."""
 CLOCK_JITTER = 0.02
-"""Error of odometry time stamps that is tolerated when speeds are checked [s]."""
+"""Maximum error of odometry time stamps in the check of speed limits [s]."""
 BURST = 5
-"""The odometry period is averaged over this number of poses before and after, as poses arrive in bursts."""
+"""The odometry period is a mean over this number of poses before and after a motion, as poses may arrive in bursts."""
 MAX_IMPOSSIBLE = 0.05
 """Maximum share of impossible odometry motions. Above this share, no motion is interpolated."""
 MAX_GLITCH = 2.0
@@ -23,7 +23,7 @@ MAX_GLITCH = 2.0
 
 
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
-    """Extend scan poses by odometry; return a pose at each odometry time, shape (n, 3) [m, m, rad].
+    """Return a pose at each odometry time, shape (n, 3): the last scan's pose, continued by odometry [m, m, rad].
 
     `odometry`: odometry poses, shape (n, 3). `scan_rows`: index of each scan's odometry pose, shape (m,), ascending.
     `scan_poses`: shape (m, 3).
@@ -68,11 +68,10 @@ def rms(values: np.ndarray) -> float:
 def bridge_glitches(
     times: np.ndarray, poses: np.ndarray, max_speeds: tuple[float, float] = MAX_SPEEDS
 ) -> tuple[np.ndarray, list[str]]:
-    """Interpolate odometry across glitches (short jumps that return); return corrected poses, and warnings.
+    """Replace odometry glitches (short jumps away and back) by interpolation; return corrected poses, and warnings.
 
-    A glitch starts and ends with motions above `max_speeds` (forward [m/s], yaw rate [rad/s]), lasts at most
-    `MAX_GLITCH` or three periods, and returns close to its start. `times`: shape (n,), ascending except for jitter [s].
-    `poses`: odometry, shape (n, 3) [m, m, rad].
+    Both jumps exceed `max_speeds` (forward [m/s], yaw rate [rad/s]), at most 2 s or three periods apart. `times`: shape
+    (n,), ascending except for jitter [s]. `poses`: odometry, shape (n, 3) [m, m, rad].
     """
     count, rows = len(times), np.arange(len(times) - 1)
     if count < 3 or not np.isfinite(times).all() or np.ptp(times) == 0.0:

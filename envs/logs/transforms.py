@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from .bag_reader import BagReader
 
 MIN_UPRIGHT = 0.9
-"""Minimum vertical component of the lidar's z axis (26 degrees of tilt); scans below are dropped."""
+"""Scans are dropped if the lidar tilts by more than 26 degrees: minimum absolute z component of its vertical axis."""
 MIN_LEVEL = 0.996
-"""Minimum vertical component of the lidar's z axis without a warning (5 degrees of tilt)."""
+"""A lidar tilt above 5 degrees gives a warning: minimum absolute z component of its vertical axis."""
 UNIT_TOLERANCE = 0.01
 """Maximum error of a quaternion's squared norm, as in tf2."""
 SAME_TRANSFORM = 1e-6
@@ -61,7 +61,7 @@ class FrameTree:
         return sorted({*self._rows, *(parent for parents in self._rows.values() for parent in parents)})
 
     def parents(self, frame: str) -> list[str]:
-        """Return all parent frames of a frame: static transforms first, then by descending number of transforms."""
+        """Return the parents of a frame (several if transforms conflict): static first, then the most frequent."""
         rows = self._rows.get(frame, {})
         return sorted(rows, key=lambda parent: ((frame, parent) not in self._static, -len(rows[parent])))
 

@@ -17,7 +17,7 @@ LOOKAHEADS = (0.3, 0.6, 1.5)
 """Lookahead distances along a path [m]."""
 WIDTH = 2 * len(LOOKAHEADS) + 3
 WINDOW = 60
-"""Number of path points, from the previous nearest point on, searched for the point nearest to the robot."""
+"""The path point nearest to the robot is searched among this number of points, beginning at the last nearest point."""
 
 
 @njit(cache=True, error_model="numpy")

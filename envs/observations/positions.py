@@ -20,11 +20,11 @@ GOAL_RANGE = 32.0
 NEAR_RANGE = 10.0
 """Distance to the goal that the observation `NearGoal` normalizes to 1 [m]."""
 GOAL_MEMORY = "goal"
-"""Key of the array of task states, one row per robot, that begins with the goal's x, y, map frame [m]."""
+"""Key of the array of task states, one row per robot, with the goal's x and y in the first columns, map frame [m]."""
 PEERS_RANGE = 16.0
 """Teammate offset per axis that is normalized to 1 [m]: half the side of the map crop `map_far`."""
 PEOPLE_RANGES = np.array([8.0, 8.0, 2.5, 2.5, 1.0])
-"""Position, velocity and radius of people that are normalized to 1 [m, m, m/s, m/s, m]."""
+"""Divisors of people's position, velocity and radius in the observation `Tracks` [m, m, m/s, m/s, m]."""
 ROUTE_RANGE = 5.0
 """Offset of a route point per axis that is normalized to 1 [m]."""
 ROUTE_POINTS = 0.4 * np.arange(10)
@@ -51,10 +51,7 @@ class Goal:
 
 @njit(cache=True, error_model="numpy")
 def write_goals(rows, goals, tells_distance, active, out):
-    """Write the observation `NearGoal` of n robots to `out`, shape (n, 4), or (n, 2) without distance.
-
-    `active`: robots to write (mask).
-    """
+    """Write the observation `NearGoal` of active robots to `out`, shape (n, 4), or (n, 2) if distances are excluded."""
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]

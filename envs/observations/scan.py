@@ -19,7 +19,7 @@ SPEED_RANGE = 2.0
 
 @njit(cache=True, error_model="numpy")
 def scale_scans(ranges, range_max, active, scans):
-    """Write scans / `range_max` to `scans`, shape (n, num_beams), float32; `active`: robots to write (mask)."""
+    """Write ranges / `range_max` (observation `Scan`) of active robots to `scans`, shape (n, num_beams), float32."""
     scale = np.float32(1.0 / range_max)
     for k in range(ranges.shape[0]):
         if active[k]:

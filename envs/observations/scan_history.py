@@ -17,7 +17,7 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 NEARNESS = 0.5
-"""Gap between footprint and obstacle that is observed as 0.5 [m]; contact is 1."""
+"""Distance between footprint and obstacle that is encoded as 0.5 in the observation [m]; contact is encoded as 1."""
 MAX_LAG = 1000
 """Maximum age of an observed scan [control periods]."""
 SURFACE_STEP = 0.5
@@ -82,10 +82,10 @@ def _angle(x, y):
 
 @njit(cache=True, error_model="numpy")
 def shift_sectors(ranges, motion, sectors, seen, polar):
-    """Transform a past scan to the current base pose; write the minimum range per sector to `seen` [m].
+    """Transform ranges of a past scan to the current base pose; write the minimum range per sector to `seen` [m].
 
-    `ranges`: past range per sector (group of beams), interpolated between neighbours on one surface; inf becomes 1e6 m.
-    `motion`: base motion since the scan. `seen`: initially inf. `polar`: scratch.
+    `ranges`: range per sector (group of beams) of the past scan. `motion`: base motion since that scan. `seen`:
+    initially inf. `polar`: scratch. Gaps between sectors on one surface are filled by interpolation.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
     x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
@@ -117,10 +117,10 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
 
 @njit(cache=True, error_model="numpy")
 def write_history(rows, ranges, memory, active, out, lags, sectors, compensates):
-    """Store each robot's scan, and write its recent scans to `out`, shape (n, len(lags) * num_sectors), float32.
+    """Store each robot's scan; write its recent scans to `out`, shape (n, len(lags) * num_sectors), float32.
 
-    `memory`: ring buffer per robot: for each control period, odometry motion x, y, heading, then ranges per sector.
-    `lags`: ages of the scans, increasing [control periods]. `active`: robots to write (mask).
+    `memory`: stored control periods of each robot: odometry motion, and minimum range per sector (group of beams).
+    `lags`: ages of the written scans, increasing [control periods]. `active`: robots to write (mask).
     """
     count = sectors.directions.shape[1]
     seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)

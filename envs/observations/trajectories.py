@@ -1,4 +1,4 @@
-"""Observation of the predicted outcomes of candidate velocity commands (twists)."""
+"""Observation of the predicted motions by candidate velocity commands (twists)."""
 
 import math
 from typing import Any
@@ -30,21 +30,21 @@ TURNS = -1.0, -0.65, -0.4, -0.225, -0.1, 0.0, 0.1, 0.225, 0.4, 0.65, 1.0
 TWISTS = np.array([(v, w) for v in SPEEDS for w in TURNS], dtype=np.float32)
 """Candidate velocity commands: fractions of maximum speed and yaw rate, shape (66, 2), float32."""
 NUMBERS, END, TURN = 8, slice(4, 6), 6
-"""Feature vector of a velocity command: length, slice of the end position, and index of the heading change."""
+"""Number of features per velocity command; indices of the predicted end position and of the heading change."""
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
 """Duration of a velocity command, time step of the collision check, and prediction horizon [s]."""
 LINE_TIME = 1.0
-"""Duration of straight driving, after a velocity command, that counts for nearness to walls [s]."""
+"""Closeness to walls is predicted for this duration of straight driving after a velocity command [s]."""
 NEAR_WALL, NEAR_PERSON, DECAY_TIME = 0.4, 0.8, 1.5
-"""Gaps to walls and to people above which the closeness features are 0 [m]; decay time of closeness to people [s]."""
+"""Closeness to a wall or a person is 0 from this distance of the footprint [m]; time constant of the decay of closeness
+to people that the robot meets later [s]."""
 SMALL_GAP = 0.1
 """Gap to walls that is normalized to 1 [m]; larger gaps are clipped."""
 MAX_POINTS, MAX_RANGE = 120, 6.0
 """Maximum number and maximum range [m] of lidar end points that count as walls."""
 PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
-"""Scan points this near to a walking person's edge [m] are not walls; minimum walking speed [m/s]."""
 WALL_MARGIN = 0.02
-"""Predicted clearance to walls below which the robot counts as in contact [m]; smaller if the current clearance is."""
+"""Safety margin around the footprint in predicted wall contacts [m]; smaller if the robot is already closer."""
 REAR_ANGLE = 0.35
 """The lidar sees the rear if a beam is within this angle of the backward direction [rad]."""
 STATE, STEPS = 9, 8
@@ -52,9 +52,9 @@ STATE, STEPS = 9, 8
 
 @njit(cache=True, error_model="numpy")
 def find_walls(ranges, frame, people, points):
-    """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m]; return the number of points.
+    """Write points on walls, seen by a scan, to `points`, shape (2, MAX_POINTS), base frame [m]; return their number.
 
-    A wall point is the nearest end point of a group of beams, unless on a walking person. `frame`: lidar x, y, and unit
+    Each group of adjacent beams gives its nearest end point, unless on a walking person. `frame`: lidar x, y, and unit
     vectors of beams, shape (2, n), base frame. `people`: x, y, vx, vy, radius, shape (m, 5), base frame [m, m/s].
     """
     mount_x, mount_y, directions = frame
@@ -83,9 +83,9 @@ def find_walls(ranges, frame, people, points):
 def predict_outcomes(now, limits, points, people, twists, out):
     """Predict motions by velocity commands; write the features of `Trajectories` to `out`, shape (n, 8), float32.
 
-    `now`: forward speed and yaw rate [m/s, rad/s]. `limits`: maximum speeds, accelerations, footprint radius, and
-    whether the lidar sees the rear. `points`: walls, shape (2, k), base frame [m]. `people`: x, y, vx, vy, radius,
-    shape (m, 5), base frame [m, m/s]. `twists`: commands / maximum speeds, shape (n, 2).
+    `now`: forward speed and yaw rate [m/s, rad/s]. `limits`: robot's maximum speeds, accelerations, footprint radius,
+    and whether the lidar sees the rear. `points`: on walls, shape (2, k), base frame [m]. `people`: x, y, vx, vy,
+    radius, shape (m, 5), base frame [m, m/s]. `twists`: velocity commands / maximum speeds, shape (n, 2).
     """
     max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
     here = np.inf
@@ -155,9 +155,9 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
 @njit(cache=True, error_model="numpy")
 def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twists, out):
-    """Track people in scans, and write the observation `Trajectories` to `out`, shape (n, 66, 8), float32.
+    """Update people trackers by the last scans; write the observation `Trajectories` to `out`, shape (n, 66, 8).
 
-    `memory`: per robot, the people tracker's state, tracks, past scans and lidar poses.
+    `memory`: arrays of the people trackers, one row per robot: state, tracks, past scans, lidar poses.
     """
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
     clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
@@ -178,10 +178,10 @@ def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twi
 
 
 class Trajectories(RowPart):
-    """Observation of the predicted outcomes of 66 velocity commands: `Box(-inf, inf, (66, 8), float32)`.
+    """Observation of predicted motions by 66 velocity commands: `Box(-inf, inf, (66, 8), float32)`.
 
     A command is held for 0.5 s, with the robot's accelerations. Then the robot drives straight. The features are time
-    to contact with a wall, and with a person at constant velocity, / 3 s (1 for no contact); nearness to walls (1 at
+    to contact with a wall, and with a person at constant velocity, / 3 s (1 for no contact); closeness to walls (1 at
     the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and left,
     / distance at maximum speed; heading change / pi; minimum gap to walls within 0.5 s / 0.1 m, from -1 to 1, negative
     for contact. Reversing without a view of the rear counts as contact.

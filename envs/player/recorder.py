@@ -33,8 +33,8 @@ class EpisodeRecorder:
     def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None) -> None:
         """Prepare to record an environment, beginning with its next `reset`.
 
-        `explorer`: agent that chooses frontiers. Its frontier candidates and `scores` are recorded if it has a
-        `FrontierNavigator` as `navigator`.
+        `explorer`: agent that chooses frontiers. Frontier candidates of its `navigator`, a `FrontierNavigator`, and
+        their `scores` are recorded, if any.
 
         Raises:
             TypeError: not an environment of this package.

@@ -18,7 +18,6 @@ RANGE_STEPS = 254
 """Integer that stands for the lidar's maximum range in recorded scans."""
 NO_RETURN, NO_MEASUREMENT = 255, 0
 BODY_KINDS = ("attentive", "blind", "standing", "fixed_route")
-"""Names of the kinds of people, by kind number in the crowd simulation."""
 CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
 and score (NaN if unknown)."""
@@ -28,13 +27,13 @@ _FACTS = ("explorer", "world", "robot", "radius", "lidar", "progress", "start", 
 
 
 def ends_of(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the end (exclusive index) of each of n arrays in their concatenation, shape (n,)."""
+    """Return end indices (exclusive) of n arrays in their concatenation, shape (n,)."""
     return np.cumsum([0, *map(len, parts)])[1:]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """Recorded episode of one robot: n samples, m choices of a frontier. Annotations give dtypes and shapes."""
+    """Recorded episode of one robot: n samples, m frontier decisions. Annotations give dtypes and shapes."""
 
     about: dict[str, Any]
     """Metadata as JSON: `explorer`, `world`, `robot`, `seed`, `end_reason`; `progress`, name of the progress measure;
@@ -63,11 +62,11 @@ class Recording:
     map_changes: Annotated[np.ndarray, np.uint8, "changes"]
     """Changes of the cells in `map_cells`: bitwise XOR of old and new value (0 unknown, 1 free, 2 occupied)."""
     map_ends: Annotated[np.ndarray, np.int32, "n"]
-    """Number of entries of `map_cells` up to the end of each sample's changes."""
+    """End index (exclusive) of each sample's changes in `map_cells`."""
     plans: Annotated[np.ndarray, np.float32, "corners", 2]
     """Corners (x, y) of the planned paths of all samples, concatenated, map frame [m]."""
     plan_ends: Annotated[np.ndarray, np.int32, "n"]
-    """Number of rows of `plans` up to the end of each sample's path."""
+    """End index (exclusive) of each sample's path in `plans`."""
     decision_times: Annotated[np.ndarray, np.float32, "m"]
     """Time of each frontier decision [s]."""
     decision_chosen: Annotated[np.ndarray, np.int32, "m"]
@@ -75,7 +74,7 @@ class Recording:
     candidates: Annotated[np.ndarray, np.float32, "candidates", len(CANDIDATE_COLUMNS)]
     """Frontier candidates of all decisions, concatenated; columns as in `CANDIDATE_COLUMNS`."""
     candidate_ends: Annotated[np.ndarray, np.int32, "m"]
-    """Number of rows of `candidates` up to the end of each decision's frontiers."""
+    """End index (exclusive) of each decision's frontiers in `candidates`."""
     segments: Annotated[np.ndarray, np.float32, "segments", 4]
     """True walls as (x0, y0, x1, y1), world frame [m]."""
     circles: Annotated[np.ndarray, np.float32, "circles", 3]
@@ -89,7 +88,7 @@ class Recording:
     tracks: Annotated[np.ndarray, np.float32, "tracks", 5]
     """Tracked people of all samples: x, y, vx, vy, radius, map frame [m, m/s]."""
     track_ends: Annotated[np.ndarray, np.int32, "n"]
-    """Number of rows of `tracks` up to the end of each sample's people."""
+    """End index (exclusive) of each sample's people in `tracks`."""
     floor: Annotated[np.ndarray, np.uint8, "rows", "columns"]
     """Grid of the floor to explore, world frame: 1 for cells to explore, else 0; a single 0 for other tasks."""
 

@@ -75,9 +75,9 @@ def _draw_beams(surface: pygame.Surface, scene: Scene, view: View) -> None:
 
 
 def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return lidar position, shape (2,), and beam end points, shape (num_beams, 2), in the parent frame of `pose` [m].
+    """Return the lidar position, shape (2,), and beam end points, shape (num_beams, 2) [m].
 
-    Beams without return end at the maximum range, lost beams at the lidar.
+    They are in the frame that `pose` refers to. Beams without return end at the maximum range, lost beams at the lidar.
     """
     lidar, mount = robot.lidar, (robot.lidar.mount.x, robot.lidar.mount.y)
     lengths = np.nan_to_num(ranges.astype(np.float64), nan=0.0, posinf=lidar.range_max)

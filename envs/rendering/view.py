@@ -32,8 +32,8 @@ class View:
     def paint_grid(self, grid: OccupancyGrid, start: Pose2D, palette: np.ndarray, image: np.ndarray) -> None:
         """Paint an occupancy grid into an image, shape (height, width), uint32.
 
-        `start`: world pose of the map frame. `palette`: pixel values for occupancy -1 to 100, shape (102,), uint32.
-        Pixels outside of the grid are unknown.
+        `start`: world pose of the map frame. `palette`: pixel values of unknown cells (-1) and of occupancy 0 to 100,
+        shape (102,). Pixels outside of the grid are unknown.
         """
         # Three pixel centers define the affine transform to cells.
         pixels = np.array([(0.5, 0.5), (1.5, 0.5), (0.5, 1.5)])
