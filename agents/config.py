@@ -44,10 +44,11 @@ class EnvironmentConfig(Section):
     id: str = "lidarnaut/Explore-v0"
     """Gymnasium id; `module:id` imports the module first."""
     vectorization: Literal["native", "sync", "async"] = "native"
-    """Execution of sub-environments: `native` (together, by this package), `sync` (one after another), or `async` (one
-    process each)."""
+    """Execution of sub-environments: `native` (several per process, by this package), `sync` (one after another in the
+    main process), or `async` (one process each)."""
     num_workers: int | None = Field(default=None, ge=0, le=100_000)
-    """Number of worker processes for `native`. 0 uses only the main process; null uses one worker per core."""
+    """Number of worker processes if `vectorization` is `native`. 0 uses only the main process; null uses one worker per
+    core."""
 
     robots: tuple[str, ...] = ()
     """Robots for training, each in an equal share of the sub-environments. They replace the argument `robot`.
@@ -129,8 +130,8 @@ class EvaluationConfig(Section):
     references: tuple[str, ...] = ("random",)
     """Non-learned policies, by name or `module:attribute`, evaluated once in the same episodes for comparison."""
     environment: dict[str, Any] = {}
-    """Environment arguments for evaluations, such as `world`; others are as in training. The policy keeps these values
-    of `observations` and `collision_monitor` after training."""
+    """Environment arguments that differ in evaluations, such as `world`. Such values of `observations` and
+    `collision_monitor` also apply when the trained policy is used."""
 
     @property
     def arguments(self) -> dict[str, Any]:

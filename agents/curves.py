@@ -19,7 +19,7 @@ Row = dict[str, int | float | str]
 """Row of the evaluation table `evaluations.csv`: value by column name."""
 LEARNED = "learned"
 LEARNED_NAMES = LEARNED, LEARNED + GROUND_TRUTH
-"""Names of the trained policy in the evaluation table, without and with observations of ground truth."""
+"""Possible names of the trained policy in the evaluation table; the second marks observations with ground truth."""
 SCORES = "scores"
 """Column with the headline (main) measure of each episode, as numbers separated by spaces."""
 
@@ -51,7 +51,7 @@ def check_rows(rows: Sequence[Row]) -> None:
 
 
 def headline_of_rows(rows: Sequence[Row]) -> str:
-    """Return the name of the headline (main) measure in an evaluation table; only this measure has quartiles."""
+    """Return the name of the headline (main) measure in an evaluation table, recognized by its quartile column."""
     return next((name.removesuffix("_q25") for name in rows[0] if name.endswith("_q25")), "*_q25")
 
 

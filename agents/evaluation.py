@@ -72,10 +72,11 @@ class Evaluator:
         return policy
 
     def summarise(self, histories: Sequence[EpisodeHistory]) -> Row:
-        """Return a row of the evaluation table: mean progress and performance measures over several episodes.
+        """Return a row of the evaluation table: means of task progress and performance measures over several episodes.
 
-        The row includes quartiles and all values of the headline (main) measure. Infinite measures, such as the time to
-        a coverage that is never reached, are replaced by the time limit, or by the distance at maximum speed.
+        The row also contains quartiles and all values of the headline (main) measure. Infinite times, such as the time
+        to a coverage that is never reached, are replaced by the time limit; infinite distances by the distance at
+        maximum speed.
         """
         speeds = {"time_limit": 1.0, "distance_limit": self._max_speed}
         columns = {"progress": [float(np.mean(history.final[self.progress])) for history in histories]}

@@ -56,10 +56,10 @@ class LearnedPolicy:
         return cls(build_policy(checkpoint, folder), checkpoint.record, str(folder), deterministic=deterministic)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Start an episode; later scans are resampled to the training lidar if the numbers of beams differ.
+        """Start an episode. If the robot's lidar has more or fewer beams than in training, scans are resampled.
 
         Raises:
-            CheckpointError: if the numbers differ and the training lidar is unknown.
+            CheckpointError: if the numbers of beams differ and the training lidar is unknown.
         """
         self._rng, self._is_first, self._beams = rng, True, self._match_beams(robot)
 

@@ -20,7 +20,6 @@ from lidarnaut.envs.files import write_file
 CHECKSUMS, MODEL_CARD = "checksums.sha256", "README.md"
 HELD_OUT = Path(__file__).with_name("frontiers") / "held_out.yaml"
 SPLIT_MODULES = b"lidarnaut.agents.frontiers.tasks:", b"lidarnaut.agents.robots:"
-"""Texts in a configuration that imply training without held-out (test) worlds or robots."""
 
 
 def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyro.conf.Positional]) -> None:

@@ -61,7 +61,11 @@ def level_of(value: Any) -> Level:
 
 
 def needed_arguments(value: Any) -> dict[str, Any]:
-    """Return the environment arguments that a policy requires; raise ValueError for invalid `observations`."""
+    """Return the environment arguments that a policy requires: names of observations, and collision monitor.
+
+    Raises:
+        ValueError: if the policy's attribute `observations` is invalid.
+    """
     parts = getattr(value, "observations", None)
     if parts is not None and (isinstance(parts, str) or not all(isinstance(part, str) for part in parts)):
         raise ValueError(f"observations of {value!r} must be names of parts, got {parts!r}")

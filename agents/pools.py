@@ -93,9 +93,9 @@ def _call(files: tuple[str, Mapping[str, bytes]], call: bytes) -> Any:
 
 
 def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
-    """Yield path and content of files that remote machines need to execute calls.
+    """Yield path and content of the files that remote machines need to execute calls.
 
-    These are files and policy folders named in the configuration `named`, images of map files named there, and modules
+    These are files and policy folders named in the configuration `named`, images of such map files, and modules
     imported from the current folder.
     """
     here, paths = os.getcwd() + os.sep, []
@@ -112,12 +112,12 @@ def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
 
 
 def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryDirectory[str] | None:
-    """Change to the caller's working folder, or to a temporary copy if files differ or are missing on this machine.
+    """Change to the working folder of the calling machine, or to a temporary copy if files are missing or different.
 
-    `files`: content by path. Returns the temporary folder, or None.
+    `files`: required content by path. Returns the temporary folder, or None.
 
     Raises:
-        ValueError: if a file with an absolute path is missing or differs.
+        ValueError: if a file with an absolute path is missing or different.
     """
     files_here = {path: Path(folder, path) for path in files}
     wrong = [path for path, file in files_here.items() if not file.is_file() or read_bytes(file) != files[path]]
@@ -142,8 +142,8 @@ def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryD
 def make_pool(num_workers: int | None, ray: str | None, named: Any = ()) -> Iterator[Executor]:
     """Yield an executor that runs calls in local processes, or on the Ray cluster at address `ray`.
 
-    `num_workers`: number of local processes, by default one per core. `named`: configuration that names files for the
-    cluster. Exceptions cancel running calls.
+    `num_workers`: number of local processes, by default one per core. `named`: configuration; files named in it are
+    sent to the cluster. Exceptions cancel running calls.
     """
     # Forked copies of processes with threads (torch, numba) may deadlock.
     spawn = multiprocessing.get_context("spawn")

@@ -31,7 +31,6 @@ class ReplayFiles:
         self._buffer, self._folder = buffer, run / FOLDER
         self._sums: dict[str, str] = {}
         self._end = self._offset = 0
-        """Step indices: end of the saved range, and first step held by position 0 of the ring buffer."""
 
     def write(self, end: int) -> dict[str, str]:
         """Save new transitions; return SHA-256 checksums of all replay buffer files, by file name.

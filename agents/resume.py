@@ -22,8 +22,8 @@ MAY_CHANGE = {
     "hyperparameters": "training",
     **dict.fromkeys((f"hyperparameters.{name}" for name in ("ent_coef", "policy_kwargs", "use_sde")), ""),
 }
-"""Kinds of runs (training, evolution, sweep) that may change a configuration key on resume, by key; empty if none.
-Nested keys without an entry follow their parent."""
+"""Kinds of runs (training, evolution, sweep) that may be resumed with a new value of a configuration key; empty for
+none. Nested keys without an entry are treated like their parent key."""
 DEFAULT = "the default"
 Config = TrainingConfig | EvolutionConfig | Mapping[str, Any]
 

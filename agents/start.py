@@ -11,7 +11,7 @@ from lidarnaut.envs.files import read_mapping
 
 DEFAULTS = {"experiment": "plain", "total_steps": 300_000}
 RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
-"""Files that mark a folder as a run or policy, possibly received from another user."""
+"""Files of run and policy folders. A configuration in such a folder may only name trusted code."""
 
 
 def train(

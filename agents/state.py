@@ -26,7 +26,6 @@ from lidarnaut.agents.curves import Row
 from lidarnaut.agents.run_folder import CheckpointError
 
 COUNTERS = ("_episode_num", "_n_calls", "exploration_rate")
-"""Attributes of algorithms that checkpoints save besides the numbers of steps and updates."""
 
 
 def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row], control_hz: float) -> Checkpoint:

@@ -44,7 +44,7 @@ class Member:
     config: TrainingConfig | EvolutionConfig
     run: Path
     group: str = ""
-    """Name of this run's settings in the sweep, or empty. Learning curves of equal name share a plot."""
+    """Name of this run's settings, if the sweep compares named settings. Learning curves of equal name share a plot."""
 
     @property
     def label(self) -> str:
@@ -117,7 +117,7 @@ def run_sweep(
 def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
     """Return the runs of a sweep: all combinations of settings and seeds; ValueError if invalid.
 
-    Reference policies are evaluated only in the first run of each environment.
+    Among runs with the same evaluation episodes, only the first evaluates the reference policies.
     """
     axes, seeds = data.get("sweep") or {}, data.get("seeds", [data.get("seed", 0)])
     if not isinstance(axes, dict) or not all(isinstance(values, list | dict) and values for values in axes.values()):

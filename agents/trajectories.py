@@ -18,11 +18,11 @@ from lidarnaut.envs.tasks.carrot import AHEAD
 
 NEEDED = "trajectories", "motion", "limits"
 GOAL_SCALE = 10.0
-"""Goal distance that the observation `goal` normalizes to 1 [m]. With the observation `carrot` (point ahead on the
-path), a goal beyond this point is assumed at this distance."""
+"""Goal distance that the observation `goal` normalizes to 1 [m]. Also the distance assumed for goals beyond the
+observed point ahead on the path (`carrot`)."""
 LAST_ACTION = slice(2, 4)
 OWN_NUMBERS = 6
-"""Number of features per twist that the network computes itself, besides those in the observation `trajectories`."""
+"""Number of additional features per twist, such as the decrease of the distance to the goal."""
 INITIAL_GAIN = 0.05
 """Gain of the orthogonal initialization of the last layer; small for nearly uniform probabilities."""
 
@@ -68,9 +68,9 @@ class TwistChoice(Distribution):
 class TrajectoryNetwork(nn.Module):
     """Network that rates 66 candidate velocity commands (twists) by logits, and estimates the state value.
 
-    A shared MLP computes each logit from all observations and features of the twist: its row of the observation
-    `trajectories`, progress to the goal, alignment of the final heading with the goal direction, and change from the
-    last action. The value uses mean and maximum over twists.
+    A shared MLP computes the logit of a twist from all observations and features of the twist: predicted effects,
+    decrease of the goal distance, alignment of the final heading with the goal direction, and change from the last
+    action. The value uses mean and maximum over twists.
     """
 
     twists: Tensor

@@ -24,9 +24,9 @@ _PATH_OR_OWN_ID = re.compile(r"[A-Za-z]:[\\/][^:]*|lidarnaut:lidarnaut/[\w-]+")
 
 
 def named_code(record: Any) -> dict[str, str]:
-    """Return the references to Python code in a configuration, such as `module:attribute`, each with its dotted key.
+    """Return all references to Python code in a configuration, such as `module:attribute`, with the key of each.
 
-    Texts with a colon are references, except Windows paths and ids of the package's environments.
+    Every text with a colon is a reference, except Windows paths and ids of the package's environments.
     """
     return {text: key for key, text in _texts(record, "") if ":" in text and not _PATH_OR_OWN_ID.fullmatch(text)}
 

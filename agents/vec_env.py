@@ -34,7 +34,7 @@ def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
 
 
 def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
-    """Create an environment with worlds of the split `train` or `test`; ValueError if not possible."""
+    """Create an environment with training or test worlds (`split`); ValueError if the configuration is invalid."""
     env = gymnasium.make(find_spec(config.id), **_arguments(config, split))
     try:
         lidar_env_of(env)
@@ -71,7 +71,7 @@ def make_vector(
 
 
 def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "GymnasiumVecEnv | JoinedVecEnv":
-    """Create the training environments, in equal shares per training robot.
+    """Create the training environments; each training robot drives in an equal share of them.
 
     `is_flat`: flatten dictionary observations to vectors. Raises ValueError if the configuration is invalid,
     sub-environments are too few, or spaces differ.

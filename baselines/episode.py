@@ -28,7 +28,7 @@ Watch = Callable[[Info], None]
 
 
 class LastInfo(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Wrapper that adds final metrics and `end_reason` to the last `info` if another wrapper ends the episode."""
+    """Wrapper that adds final metrics and `end_reason` to `info` if an inner wrapper (time limit) ends the episode."""
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, Info]:
         *outcome, terminated, truncated, info = self.env.step(action)

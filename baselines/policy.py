@@ -82,10 +82,9 @@ def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -
 
 
 class OnePerRobot:
-    """Drives each robot of a team by a separate copy of an explorer.
+    """Team policy that drives each robot by a separate copy of an explorer.
 
-    As in all team policies, `is_team` is True, `plans` holds the path of each robot, and arguments and result of `act`
-    are lists with one item per robot.
+    Arguments and result of `act` are lists with one item per robot, as is `plans`, the planned paths.
     """
 
     is_team = True

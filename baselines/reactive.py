@@ -20,7 +20,7 @@ WALL_MARGIN = 0.12
 MIN_WALL_MARGIN = 0.02
 """Minimum gap between footprint and wall, in narrow passages [m]."""
 ARC_LENGTH = 0.8
-"""Arcs of the wall follower must be free for this length plus the robot's radius [m]."""
+"""Length of the arcs that the wall follower checks for obstacles, from the robot's edge [m]."""
 SPEED = 0.8
 """Speed of the wall follower, as a fraction of the maximum speed."""
 TURN_RATE = 1.0
@@ -28,7 +28,7 @@ TURN_RATE = 1.0
 LOOKAHEAD_TIME = 0.75
 """Lookahead distance of the route follower divided by its speed [s]."""
 MIN_TURN_TIME = 1.0
-"""Minimum ratio of curve radius to speed of the route follower [s]; limits the speed in curves."""
+"""Minimum curve radius of the route follower divided by speed [s]: the robot slows down in sharp curves."""
 ROTATE_FROM = 1.6
 """Heading error above which the route follower turns in place [rad]."""
 

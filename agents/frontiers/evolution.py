@@ -42,9 +42,9 @@ def evolve(
     progress: bool = True,
     ray: str | None = None,
 ) -> Path:
-    """Optimize a frontier score by CMA-ES; return the run folder.
+    """Optimize a linear frontier score by CMA-ES; return the run folder.
 
-    Resumed runs repeat the updates from stored results.
+    A resumed run restores the optimizer from stored objective values of finished generations.
 
     Args:
         config: configuration.

@@ -22,8 +22,8 @@ MASKED = -1e9
 """Logit of invalid actions, which have probability 0."""
 MAP_CHANNELS = 8
 MAX_INITIAL_SLOPE = 6.0
-"""Largest initial slope of an attention head; the heads' slopes are evenly spaced from 0. Slope x normalized distance
-between two frontiers is subtracted from their attention logit."""
+"""Initial distance penalty of the last attention head; that of the first head is 0. The attention logit of two
+frontiers decreases by penalty x normalized distance."""
 RULE = "rule"
 """Value of `prior_policy` for the rule `gain_over_cost` (unknown area / path cost)."""
 NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
@@ -50,8 +50,8 @@ class FrontierNetwork(nn.Module):
     ) -> None:
         """Build the layers; raise ValueError if a required observation is missing.
 
-        `prior`: weight of the utility in the logits. `has_score`: whether the utility is a linear frontier score, set
-        later, instead of the rule `gain_over_cost`.
+        `prior`: weight of the prior frontier score in the logits. `has_score`: True if this prior is a linear score
+        with weights loaded later, False for the rule `gain_over_cost`.
         """
         super().__init__()
         if missing := [key for key in NEEDED if key not in observation_space.spaces]:
@@ -128,8 +128,6 @@ class FrontierNetwork(nn.Module):
 
 
 class _Slots:
-    """Conversion of batched frontier candidates to arrays without padding rows, and back."""
-
     def __init__(self, mask: Tensor) -> None:
         self.sample, self.slot = mask.nonzero(as_tuple=True)
         self.count = int(self.slot.max()) + 1 if len(self.slot) else 1
@@ -157,7 +155,6 @@ class FrontierPolicy(JointPolicy):
         prior_policy: str = RULE,
         **arguments: Any,
     ) -> None:
-        """Build the network. A `prior_policy` other than `rule` is a frontier score, to be set by `load_prior`."""
         self._sizes = {"width": width, "heads": heads, "prior": prior, "has_score": prior_policy != RULE}
         # required by the base class; has no weights
         arguments["features_extractor_class"] = FlattenExtractor

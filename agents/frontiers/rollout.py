@@ -23,7 +23,7 @@ def explore(
     """Run an exploration episode with a policy that selects frontiers; return cost and explored fraction.
 
     The episode ends at target coverage, without frontiers, or after `max_time` [s]. The cost is log(time [s]) +
-    `MISSING_COST` x missing coverage; incomplete episodes count with at least the time limit.
+    `MISSING_COST` x missing coverage. If the target is missed, the time is at least the time limit.
     """
     env = make_environment(task.robot, task.resolution, task.drift)
     observation, _ = env.reset(seed=task.seed, options={"world": make_world(task)})
@@ -50,9 +50,9 @@ def compare(task: ExplorationTask, weights: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def feature_variances(task: ExplorationTask) -> np.ndarray:
-    """Return the variance of each frontier feature among the `NUM_BEST` frontiers with the highest scores.
+    """Return the variance of each feature over the `NUM_BEST` best frontiers of a decision, averaged over an episode.
 
-    Result: average over an episode with the rule `gain_over_cost`, shape (NUM_FEATURES,), float64.
+    The rule `gain_over_cost` rates frontiers. Result: shape (NUM_FEATURES,), float64.
     """
     rule, variances = FrontierScore(), [np.zeros(NUM_FEATURES)]
 

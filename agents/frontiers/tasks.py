@@ -28,7 +28,7 @@ SIDES = {
 RANGES = (3.5, 5.0, 8.0, 12.0, 20.0)
 """Maximum ranges of the lidar on randomized robots [m]."""
 LEAST_AREA = 8.0
-"""Minimum explorable area of a world per metre of lidar range [m2/m]. Ranges above 8 m count as 8 m."""
+"""Minimum explorable area of a world, divided by the lidar range, or by 8 m for longer ranges [m2/m]."""
 RESOLUTIONS = (0.1, 0.15, 0.2)
 """Map cell sides [m] of random tasks; the smallest only occurs in worlds below 200 m2."""
 
@@ -91,19 +91,19 @@ def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)
 
 
 def training_world(rng: np.random.Generator) -> World:
-    """Return a random training world, from the library or generated; a value for the key `environment.world`."""
+    """Return a random training world, from the library or generated; for the configuration key `environment.world`."""
     if rng.random() < LIBRARY_SHARE:
         return load_world(str(rng.choice(TRAINING_WORLDS)))
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)))
 
 
 def validation_world(rng: np.random.Generator) -> World:
-    """Return a generated test world of default size; a value for the key `evaluation.environment.world`."""
+    """Return a generated test world of default size; for the configuration key `evaluation.environment.world`."""
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)) + 1)
 
 
 def sized_training_world(rng: np.random.Generator) -> World:
-    """Return a generated training world of random size; a value for the key `environment.world`."""
+    """Return a generated training world of random size; for the configuration key `environment.world`."""
     family = str(rng.choice(tuple(SIDES)))
     return FAMILIES[family](2 * int(rng.integers(2**30)), _draw_size(rng, family))
 
@@ -149,7 +149,7 @@ def make_world(task: ExplorationTask) -> World:
 
 @lru_cache(maxsize=4)
 def make_environment(robot: RobotParams, resolution: float, drift: float) -> ExploreFrontiersAbstractEnv:
-    """Return an exploration environment without simulated driving; the last four are cached.
+    """Return an exploration environment without simulated driving, cached for the last four argument combinations.
 
     `resolution`: side of a map cell [m]. `drift`: standard deviation of the estimated position's error [m].
     """

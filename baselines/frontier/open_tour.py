@@ -21,10 +21,10 @@ def tour_length(lengths, tour):
 
 @njit(cache=True, error_model="numpy")
 def changed(tour, i, k, j):
-    """Return a changed copy of a tour (point indices), for local search.
+    """Return a copy of a tour (point indices) with one change of local search, 2-opt or or-opt (Or 1976).
 
-    If k < i, positions i to j are reversed (2-opt). Otherwise, the parts i to k and k + 1 to j are swapped (or-opt, Or
-    1976).
+    2-opt, if k < i: points at positions i to j are reversed. Or-opt, otherwise: points at positions i to k change
+    places with points at positions k + 1 to j.
     """
     other = tour.copy()
     if k < i:
@@ -37,9 +37,10 @@ def changed(tour, i, k, j):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def is_shorter(lengths, tour, i, k, j, least):
-    """Return True if `changed(tour, i, k, j)`, a 2-opt or or-opt change, saves more than `least` [m].
+    """Return True if `changed(tour, i, k, j)` is shorter than `tour` by more than `least` [m].
 
-    `lengths`: symmetric path lengths between points [m]. Swaps of two parts with more than 3 stops each are rejected.
+    `lengths`: symmetric path lengths between points [m]. If both swapped sections have more than 3 points, the result
+    is False.
     """
     if min(k - i, j - k - 1) > 2:
         return False

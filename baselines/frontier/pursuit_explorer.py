@@ -13,7 +13,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 TURN = 1.2
-"""Yaw rate per heading error, as a fraction of the maximum yaw rate [1/rad]."""
+"""Proportional gain of the heading controller: yaw rate / maximum yaw rate, per heading error [1/rad]."""
 
 
 class PursuitDriving(RuleExplorer):
@@ -43,10 +43,10 @@ class PursuitExplorer(PursuitDriving):
 def pursue(
     frontiers: FrontierNavigator, robot: RobotParams, pose: Pose2D, twist: Twist, obstacles: np.ndarray
 ) -> Twist:
-    """Return the velocity command towards a point ahead on the path, or `twist` if an obstacle is in the way.
+    """Return the velocity command towards a point ahead on the planned path.
 
-    `frontiers`: navigation stack that drives to a frontier along this path. `twist`: command of this stack.
-    `obstacles`: points, shape (n, 2), float64, base frame [m].
+    In recoveries, or with an obstacle in the way, returns `twist`, the command of the standard navigator. `frontiers`:
+    navigator that drives to the frontier. `obstacles`: points, shape (n, 2), float64, base frame [m].
     """
     navigator = frontiers.navigator
     if navigator.is_recovering or navigator.plan is None:

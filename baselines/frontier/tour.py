@@ -30,10 +30,11 @@ TOUR_PERIOD = 2.0
 
 @dataclass(frozen=True, slots=True)
 class TourParams:
-    """Parameters of tours past all frontiers."""
+    """Parameters of the explorer that plans a tour past all frontiers."""
 
     cover: NonNegativeFloat = 0.4
-    """Radius within which a tour stop represents all parts of its frontier, as a fraction of the lidar range."""
+    """Parts of a long frontier within this distance of a tour stop need no further stop; as a fraction of the lidar
+    range."""
     max_cover: NonNegativeFloat = 3.0
     """Upper limit of the radius given by `cover` [m]."""
     max_stops: PositiveInt = 16
@@ -89,10 +90,10 @@ class TourExplorer(RuleExplorer):
 
 
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
-    """Return path lengths between a start and n stops, shape (n + 1, n + 1), float64, symmetric [m].
+    """Return approximate path lengths between a start and n stops, shape (n + 1, n + 1), float64, symmetric [m].
 
     `start`: (x, y), map frame [m]. `stops`: shape (n, 2), float64, map frame [m]. Lengths are at most
-    `UNREACHABLE_LENGTH`. The search on coarse cells may count narrow passages as open.
+    `UNREACHABLE_LENGTH`. On the coarse search map, narrow passages may be open.
     """
     points, grid = np.vstack([start, stops]), costmap.grid
     reach, size = math.ceil(SEARCH_MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))

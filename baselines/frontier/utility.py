@@ -1,8 +1,7 @@
 """Frontier explorer of the report "Hệ thống AGV tự động khám phá map cho smart warehouse", 2024.
 
 Clusters of frontier cells near obstacles, the robot or failed goals are discarded. The rest is ranked by information
-gain divided by distance. Unlike in the report, the explored share refers to the observed bounding box, and filters are
-relaxed if no cluster passes.
+gain divided by distance. Unlike in the report, filters are relaxed if no cluster passes.
 """
 
 import logging
@@ -47,11 +46,11 @@ class FrontierParams:
     information_gain_radius: PositiveFloat = 2.0
     """Radius around the centroid of a frontier cluster for counting unknown area [m]."""
     scale_radius_with_map: bool = True
-    """Whether to multiply `information_gain_radius` by the map diagonal divided by 20 m, at most by 2."""
+    """Whether `information_gain_radius` grows with the map, by the factor min(2, map diagonal / 20 m)."""
     min_goal_distance: NonNegativeFloat = 1.2
     """Minimum distance of a goal from the robot [m]."""
     goal_tolerance: NonNegativeFloat = 0.3
-    """Maximum distance of a viewpoint from the frontier [m]."""
+    """Maximum distance of a frontier from its viewpoint, the goal of the drive [m]."""
     blacklist_radius: NonNegativeFloat = 1.2
     """Radius around failed goals within which frontiers are excluded [m]."""
     max_blacklist_size: PositiveInt = 25
@@ -158,8 +157,7 @@ class FrontierExplorer(RuleExplorer):
 def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cluster frontier cells by DBSCAN (Ester, Kriegel, Sander, Xu, 1996).
 
-    `candidates`: reachable frontiers. `tolerance`: maximum distance between neighbors [m]. `size`: minimum number of 5
-    cm cells near a core cell.
+    `candidates`: reachable frontiers. `tolerance`: `eps` of DBSCAN [m]. `size`: `min_samples` of DBSCAN for 5 cm cells.
 
     Returns:
         Centers of frontier cells, shape (n, 2), float64, map frame [m]; frontier index and cluster index (-1 for noise)

@@ -10,14 +10,14 @@ MAX_SAMPLES = 8192
 STOP_COST = 0.1
 """Cost of a stop on a tour, expressed as path length [m]."""
 PASSED_SHARE = 0.5
-"""Fraction of the lidar range within which cells should be observed at viewpoints passed without a stop."""
+"""Fraction of the lidar range within which an unobserved cell counts as missed when the robot passes a viewpoint."""
 MAX_MISSES = 2
 
 
 class CoverPlanner:
     """Planner of a short tour of viewpoints that observe the explorable area.
 
-    A cell is ignored if it remains unobserved at `MAX_MISSES` viewpoints with a view of the cell. The tour observes
+    Cells that stay unobserved at `MAX_MISSES` viewpoints, although visible from there, are ignored. The tour observes
     other cells instead, if possible.
     """
 
@@ -42,7 +42,7 @@ class CoverPlanner:
         self.stops = [stop for stop in self.stops if stop != viewpoint]
 
     def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
-        """Remove a visited or passed viewpoint from the tour; count a miss for each cell in view but not observed."""
+        """Remove a viewpoint after a visit or pass; record the visible cells that were not observed as missed."""
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
         if viewpoint not in self.stops[:1]:
@@ -51,9 +51,9 @@ class CoverPlanner:
         self.leave_out(viewpoint)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
-        """Plan the tour from (x, y), world frame [m]; return True if the target fraction of the area can be observed.
+        """Plan the tour from (x, y), world frame [m]; return True if the tour observes the target fraction of the area.
 
-        `seen`: mask of observed cells, shape of the explorable area, bool. `num_rounds`: rounds of the tour search.
+        `seen`: mask of observed cells, shape of the explorable area, bool. `num_rounds`: rounds of improvement.
         """
         paths = self.viewpoints.paths_from(x, y)
         if paths is None:

@@ -51,7 +51,7 @@ def count_bits(words):
 
 @njit(cache=True, error_model="numpy")
 def add_views(cover, first, last, seen):
-    """Add the cells visible along a path to `seen`, one bit per cell, shape (words,), uint64.
+    """Mark the cells that are visible along a path as observed, in `seen`: one bit per cell, shape (words,), uint64.
 
     The path leads from viewpoint `first` to viewpoint `last`. The view from `first` is not added.
     """
@@ -76,9 +76,9 @@ def seen_on(cover, known, tour):
 
 @njit(cache=True, error_model="numpy")
 def shorten(cover, known, target, tour):
-    """Shorten a tour by 2-opt, or-opt and removal of stops; at least `target` cells (a number) remain observed.
+    """Shorten a tour by 2-opt, or-opt and removal of stops, such that at least `target` cells (a number) are observed.
 
-    `known`: bits of cells observed before the tour, shape (words,), uint64.
+    `known`: cells observed before the tour, one bit per cell.
     """
     tour, has_changed = tour.copy(), True
     while has_changed:
@@ -103,11 +103,11 @@ def shorten(cover, known, target, tour):
 
 @njit(cache=True, error_model="numpy")
 def complete(cover, known, target, tour, noise, rng):
-    """Insert viewpoints into a tour until the tour observes at least `target` cells (a number).
+    """Insert viewpoints into a tour until at least `target` cells (a number) are observed.
 
-    Each step inserts the viewpoint with the most new cells per detour. `known`: bits of cells observed before the tour,
-    shape (words,), uint64. `noise`: maximum random increase of this ratio. Returns the tour, and whether `target` is
-    reached.
+    Each step inserts the viewpoint with the highest ratio of newly observed cells to detour. `known`: cells observed
+    before the tour, one bit per cell. `noise`: maximum random increase of this ratio, as a fraction. Returns the tour,
+    and whether `target` is reached.
     """
     while True:
         seen = seen_on(cover, known, tour)
@@ -148,10 +148,10 @@ def _ruin(cover, tour, rng):
 
 @njit(cache=True, error_model="numpy")
 def search_tour(cover, known, target, tour, num_rounds, rng):
-    """Search for a short tour that observes at least `target` cells (a number), or as many as possible.
+    """Search for a short tour of viewpoints that observes at least `target` cells (a number), or as many as possible.
 
-    `known`: bits of cells observed before the tour, shape (words,), uint64. `tour`: viewpoint indices of the initial
-    tour, start first, shape (size,), int64. `num_rounds`: number of rounds that remove and reinsert stops.
+    `known`: cells observed before the tour, one bit per cell. `tour`: indices of the first tour, start first.
+    `num_rounds`: number of attempts to improve the tour.
 
     Returns:
         Viewpoint indices of the tour, shape (m,), int64; whether `target` is reached.

@@ -68,10 +68,10 @@ class Viewpoints:
         return self.grid.centers(self.cells)
 
     def paths_from(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return lengths and predecessors of the shortest paths from (x, y) [m] to all viewpoints.
+        """Return the shortest paths from (x, y) [m] to all n viewpoints; None if no traversable cell is near (x, y).
 
-        Lengths: shape (n,), float64 [m]. Predecessors: index of the last viewpoint before the end of each path, or n
-        for the start, shape (n,), int32. Returns None if no viewpoint is reachable.
+        Paths are given by their lengths, shape (n,), float64 [m], and their last intermediate viewpoints, shape (n,),
+        int32: viewpoint indices, n for none.
         """
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:

@@ -17,8 +17,8 @@ DECISION_PERIOD = 1.0
 NUM_FIRST_ROUNDS = 300
 NUM_ROUNDS = 4
 LOOKAHEAD = 3.0
-"""Minimum path length to the next driving goal, a viewpoint on the path to the next tour stop [m]. A nearer stop is
-itself the goal."""
+"""Minimum path length to the driving goal, the first such viewpoint on the path to the next tour stop [m]. If there is
+none, the stop is the goal."""
 ARRIVAL_RADIUS = 0.15
 """Distance from a viewpoint within which the viewpoint counts as visited [m]."""
 REACH_MARGIN = 0.1
@@ -28,7 +28,7 @@ GOAL_TOLERANCE = 0.4
 
 
 class TrueMap:
-    """True map in the frame of an estimated map, whose unknown cells get the true values."""
+    """True map in the frame of the estimated map, to fill in unknown cells of the estimated map."""
 
     def __init__(self, walls: OccupancyGrid, start: Pose2D) -> None:
         self._walls, self._start = walls, start

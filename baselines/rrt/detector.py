@@ -37,7 +37,7 @@ class RrtParams:
     info_radius: PositiveFloat = 1.0
     """Radius of the information gain (unknown area) around a frontier point [m]."""
     min_gain: PositiveFloat = 0.2
-    """Minimum unknown area within half of `info_radius` of a frontier point; other points are discarded [m2]."""
+    """Minimum unknown area around a frontier point, within half of `info_radius` [m2]; other points are discarded."""
     max_cost: PositiveFloat = 70.0
     """Maximum costmap cost at a frontier point, on ROS's scale from 0 (free) to 99 (contact with an obstacle)."""
     info_multiplier: PositiveFloat = 3.0
@@ -63,7 +63,7 @@ class RrtParams:
 
 
 TEAM_PARAMS = RrtParams(eta_global=1.0)
-"""Parameters in the launch file for three robots (Nguyen et al. 2022)."""
+"""Parameters of exploration by random trees with several robots, from the launch file of Nguyen et al. (2022)."""
 
 
 @njit(cache=True, error_model="numpy")

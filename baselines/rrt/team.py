@@ -117,7 +117,7 @@ class RrtTeam(TeamExplorer):
 
 
 def open_goals(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return position, path cost and index of each reachable frontier that no drive has failed to reach.
+    """Return position, path cost and index of each reachable frontier without a failed drive.
 
     Positions: shape (k, 2), map frame [m]. Path costs: shape (k,) [m]. Indices: shape (k,). If drives to all frontiers
     have failed, all are returned.

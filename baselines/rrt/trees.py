@@ -1,7 +1,6 @@
 """Rapidly-exploring random trees that find frontiers.
 
-Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017). Obstacles in the first cell of a step are ignored,
-because a new obstacle on a vertex would block all samples around the vertex.
+Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017).
 """
 
 import math
@@ -62,6 +61,7 @@ def grid_check(data, u0, v0, u1, v1):
         `UNKNOWN_AHEAD`, `BLOCKED` or `CLEAR`; center of the found cell or end of the line (column, row).
     """
     height, width = data.shape
+    # A new obstacle at the start must not block all steps from this vertex.
     walk = start_walk(u0, v0, u1, v1)
     while walk.rows_left + walk.cols_left > 0:
         walk = next_cell(walk)
@@ -75,12 +75,11 @@ def grid_check(data, u0, v0, u1, v1):
 
 @njit(cache=True, error_model="numpy")
 def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
-    """Grow a random tree towards each sample in turn (Nguyen et al. 2022, algorithm 2.1).
+    """Grow a random tree towards each sample in turn, and find frontier points (Nguyen et al. 2022, algorithm 2.1).
 
-    All lengths are in cells. `samples`: (column, row), shape (n, 2). `eta`: maximum step. `spacing`: minimum distance
-    between vertices. `resets`: whether the tree restarts at `robot` after each frontier point. `vertices`: tree with
-    `count` vertices, shape (2, capacity), float32; new vertices are appended. `found`: output for frontier points,
-    shape (n, 2), float64.
+    Lengths and positions are in cells. `eta`: maximum step length. `spacing`: minimum distance of a new vertex from the
+    tree. `resets`: whether the tree restarts at `robot` after each frontier point. `vertices`: positions of `count`
+    vertices, extended in place, shape (2, capacity). `found`: output for frontier points.
 
     Returns:
         Number of vertices, and number of frontier points.

@@ -14,7 +14,7 @@ from lidarnaut.envs.navigation import Candidates, GainOverCost
 from lidarnaut.envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
 
 COVER_RADIUS = 2.0
-"""Radius around a tour stop within which the stop represents all frontiers [m]."""
+"""Frontiers within this distance of a tour stop need no stop of their own [m]."""
 MAX_STOPS = 32
 WORK_PER_AREA = 0.3
 """Cost of exploring the unknown area visible from a tour stop, expressed as path length [m/m2]."""
