@@ -69,9 +69,9 @@ def _draws(strata: Strata, num_resamples: int) -> np.ndarray:
 def estimate(
     strata: Strata, reached: Strata | None = None, statistic: Callable[..., np.ndarray] = interquartile_mean
 ) -> Estimate:
-    """Estimate a statistic with its 95 % bootstrap interval, of zero width for a single episode.
+    """Estimate a statistic of episode values with its 95 % bootstrap interval.
 
-    `strata` has one array per world. `reached`, bool, has equal shapes: False for lower bounds.
+    `strata` has one array per world. `reached`, of equal shapes, is False for values that are only lower bounds.
     """
     middle, low, high = map(float, bootstrap(strata, statistic))
     found = Estimate(middle, low, high, sum(map(len, strata)))

@@ -233,10 +233,10 @@ def nees_bounds(num_drives: int) -> tuple[float, float]:
 
 
 def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
-    """Return a filter's pose errors: median and maximum over drives.
+    """Return a filter's pose errors: medians over drives, and maxima with the suffix `_worst`.
 
-    Names of maxima end with `_worst`. `nees` is the mean normalised estimation error squared (3 if consistent).
-    `nees_within` is the share of control periods whose NEES, averaged over drives, lies within its 95 % bounds.
+    `nees` is the mean normalised estimation error squared, 3 for a consistent filter. `nees_within` is the share of
+    control periods whose NEES, averaged over drives, lies within its 95 % bounds.
     """
     found = []
     for error in (drive.error(fusion) for drive in drives):
