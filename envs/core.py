@@ -38,7 +38,7 @@ NO_TRACKS = np.empty((0, 5))
 FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
 """`LidarEnv` methods that kernels replace in vector environments. Subclasses that override one run in Python."""
 WORLD_SPAWN_KEY = 2**32 - 1
-"""Spawn key of the random generator for worlds. `Generator.spawn` does not reach this key."""
+"""Spawn key of the random generator for worlds. `Generator.spawn` never produces this key."""
 
 
 class WholeStep:
@@ -151,7 +151,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """People tracked by the first robot, for rendering, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
         by the user, cleared by `reset`."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
-        """Callback of recorders. Called with None after a reset, and with the commanded twists after each control
+        """Callback of recorders, called with None after a reset and with the commanded twists after each control
         period."""
         self._time_limit = time_limit
         self.clip_actions = clip_actions

@@ -92,7 +92,7 @@ class Robot:
         self.tracker: PeopleTracker | None = None
         """Tracker that excludes people from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
-        """Whether the pose follows odometry between processed scans; False for estimators that process every scan."""
+        """Whether odometry moves the pose between processed scans; False if the estimator processes every scan."""
         slam: Any = getattr(estimator, "params", None)  # None for dead reckoning
         self._reading: Reading
         self._batch: SimpleNamespace | None = None

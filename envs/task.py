@@ -120,7 +120,7 @@ class Task(ABC):
 
     A skipped period only adds its duration to the rewarded quantity "time" and, in contact, to "collision"."""
     arrays: tuple[np.ndarray, ...] = ()
-    """Arrays of the task for kernels, available to `update_rows` as `batch.task_arrays`."""
+    """Arrays of the task for Numba kernels, available to `update_rows` as `batch.task_arrays`."""
     uses_true_motion: bool = False
     """Whether estimators receive the true motion instead of odometry."""
     sampler_ahead: Any = None

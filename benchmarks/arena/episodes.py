@@ -131,7 +131,7 @@ class Episodes:
         return _strata([row for row in self.of(policy) if measure.name in row], measure)
 
     def pairs(self, a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Return the values of a measure for two policies in episodes with equal conditions and seed.
+        """Return the values of a measure for policies `a` and `b` in episodes with equal conditions and seed.
 
         Both lists have one array per combination of conditions, in equal order.
         """

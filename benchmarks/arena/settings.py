@@ -47,7 +47,7 @@ class Case:
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     def name(self, part: str) -> str:
-        """Return the text of a condition in tables; `part` is its name: `world`, `physics`, `slam` or `people`."""
+        """Return the displayed value of a condition; `part`: `world`, `physics`, `slam` or `people`."""
         value, argument = getattr(self, part), estimator_of(self.id) if part == "slam" else part
         if part == "world" and self.label:
             return self.label

@@ -31,7 +31,7 @@ class Estimate(NamedTuple):
 
 
 Band = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Curve with the lower and upper end of its 95 % interval: arrays of shape (points,), or scalars."""
+"""Curve (shape (points,)) or scalar, with the lower and upper end of its 95 % interval."""
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
