@@ -44,7 +44,7 @@ class Film:
         self._env.on_period = self.shoot
 
     def shoot(self, _: Any) -> None:
-        """Record a frame if due; once the maximum is reached, drop every second frame and double the interval."""
+        """Record a frame if due; at the maximum number, drop every second frame and double the interval."""
         if self._env.time < len(self.frames) * self._interval - 1e-6:
             return
         if len(self.frames) == self._most:

@@ -32,7 +32,7 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 NAME_HOLDER_AFTER, GIVE_UP_AFTER = 10.0, 60.0
-"""Waiting times [s] for another process that compiles the same kernel: until a warning, and until compiling here."""
+"""Waiting times [s] while another process compiles a kernel: until a warning, and until also compiling here."""
 _log = logging.getLogger("lidarnaut")
 _warned: set[tuple[str, str]] = set()
 _USER = os.geteuid() if hasattr(os, "geteuid") else None
@@ -42,7 +42,7 @@ _IMPORT = re.compile(r"^(?:from|import) +(\.*)([\w.]*)(?: +import +(\([^)]*\)|.*
 
 
 class KernelCache(caching.NullCache):
-    """Disk cache of compiled Numba kernels, with one file per signature: a hash, then pickled key and code.
+    """Disk cache of compiled Numba kernels, with one file per signature.
 
     Unlike in Numba's cache, changes of called kernels also invalidate an entry. The folder is `NUMBA_CACHE_DIR`, or
     `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`, or the temporary folder `lidarnaut-UID`. Loading executes the file:

@@ -36,9 +36,9 @@ from lidarnaut.envs.worlds import World
 NO_TRACKS = np.empty((0, 5))
 """Empty array of tracked people, shape (0, 5): x, y [m], vx, vy [m/s], radius [m]."""
 FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
-"""`LidarEnv` methods that kernels replace in vector environments. Environments that override one are stepped alone."""
+"""`LidarEnv` methods that kernels replace in vector environments. Subclasses that override one run in Python."""
 WORLD_SPAWN_KEY = 2**32 - 1
-"""Spawn key of the random generator for worlds. `Generator.spawn` does not reach this key."""
+"""Spawn key of the random generator for worlds. `Generator.spawn` never produces this key."""
 
 
 class WholeStep:
@@ -151,7 +151,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """People tracked by the first robot, for rendering, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
         by the user, cleared by `reset`."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
-        """Callback of recorders. Called with None after a reset, and with the commanded twists after each control
+        """Callback of recorders, called with None after a reset and with the commanded twists after each control
         period."""
         self._time_limit = time_limit
         self.clip_actions = clip_actions
@@ -348,12 +348,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def is_fused(self) -> bool:
-        """Whether one kernel call can step many environments like this."""
+        """Whether one kernel call can step many copies of this environment."""
         return not self.why_not_fused
 
     @property
     def why_not_fused(self) -> str:
-        """Reason why one kernel call cannot step many environments like this; empty if it can."""
+        """Reason why one kernel call cannot step many copies of this environment; empty if it can."""
         kind, physics = type(self), type(self.simulator)
         if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
             return f"{kind.__name__} overrides {own[0]}"

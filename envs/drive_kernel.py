@@ -14,21 +14,20 @@ from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.transition import record_positions, update_robots
 
 UNCHECKED = -1
-"""Status of a drive whose arrival and stall were not checked in the last control period."""
+"""Returned by `drive` if arrival and stall were not checked in the last control period."""
 
 
 @njit(cache=True, error_model="numpy")
 def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_from):
     """Simulate a robot that follows its navigator for up to `max_steps` control periods.
 
-    Stops earlier at the goal, on failure, before the next scan matching, for checks in Python, or when the random
-    numbers in `draws` are used up. `rows`: robot state. `ranges`: lidar scan. `world_arrays`: segments and circles of
-    the world, and `People.arrays`. `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of
-    `record_positions`. `check_from`: first control period with a check in Python.
+    Stops earlier at the goal, on failure, or for work in Python: scan matching, checks, or new random numbers.
+    `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of `record_positions`.
+    `check_from`: first control period with a check in Python.
 
     Returns:
-        Number of control periods; progress as in `check_progress`, or `UNCHECKED`; number of control periods before the
-        last one that ended in contact.
+        Number of control periods; status of the drive as in `check_progress`, or `UNCHECKED`; number of control periods
+        with contact, without the last one.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
     segments, circles, crowd = world_arrays

@@ -29,7 +29,7 @@ from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.tasks.explore import Explore
 
 MAX_CANDIDATES = 1000
-"""Upper limit of the argument `max_candidates`: observations contain all pairs of candidates."""
+"""Upper limit of the argument `max_candidates`: observations contain distances between all candidates."""
 RESET, EPISODE_END = "reset", "episode_end"
 
 

@@ -21,7 +21,7 @@ SPEED_SHARE = 0.97
 TURN_SHARE = 1.0
 """Mean yaw rate of a turn in place, divided by the maximum yaw rate."""
 MAX_ARC = 1.6
-"""Heading change at the start of a path that costs no time [rad]; only the excess is a turn in place."""
+"""Heading change at the start of a path that costs no time [rad]. Beyond it, the robot turns in place."""
 HEADING_DISTANCE = 0.4
 """Distance along the path to the point that defines the initial heading [m]."""
 DRIFT_LENGTH = 8.0
@@ -164,7 +164,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             yield Pose2D(x, y, heading), count, SPUN if k == parts - 1 else DRIVING
 
     def _scan(self, pose: Pose2D, count: int) -> bool:
-        """Move the robot until its estimated pose is `pose`, in `count` control periods, and integrate a scan.
+        """Place the robot at an estimated pose after `count` control periods, and process a scan.
 
         Returns False, without motion, if the true pose would not be free.
         """

@@ -37,9 +37,9 @@ def find_spec(id: str) -> EnvSpec:
 
 @cache
 def arguments_of(id: str) -> dict[str, Any]:
-    """Return the arguments of an environment by name, with values of its registration or else default values.
+    """Return the arguments of an environment with their values, from its registration or else defaults.
 
-    Includes arguments of base classes and of the task; if these also accept `**kwargs`, those of `Explore-v0`.
+    Includes arguments of base classes and of the task; if all accept further `**kwargs`, also those of `Explore-v0`.
     """
     spec = find_spec(id)
     assert spec.entry_point is not None

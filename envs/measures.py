@@ -96,7 +96,7 @@ def final(history: EpisodeHistory, name: str) -> float:
 
 
 def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
-    """Return `quantity` at the first sample whose `fraction` is at least `mark`, infinity if none; shapes (n,)."""
+    """Return the value of `quantity` when `fraction` first reaches `mark`; infinite if never. Both have shape (n,)."""
     reached = fraction >= mark
     return float(quantity[reached.argmax()]) if reached.any() else math.inf
 
@@ -112,7 +112,7 @@ def when_successful(history: EpisodeHistory, quantity: str = "time") -> float:
 
 
 def mean_over_limit(history: EpisodeHistory, name: str) -> float:
-    """Return the mean of an `info` entry until the time limit; ended episodes keep their last value."""
+    """Return the time average of an `info` entry over the time limit; ended episodes keep their last value."""
     values, time, limit = history.of(name), history.of("time"), history.time_limit
     known = np.trapezoid(values, time) + values[-1] * max(0.0, limit - time[-1])
     return float(known / max(limit, time[-1]))
@@ -231,9 +231,10 @@ PEOPLE = (
     Measure("least_gap", "least gap to people", "m", True, digits=2),
     Measure("least_time_to_collision", "least time to collision", "s", True),
 )
-"""Measures of tasks with people: contacts by cause; time in personal space, within 0.45 m of a person's surface (Hall,
-"The Hidden Dimension", 1966); minimum gap, at most 10 m; minimum time to collision at constant velocities, at most
-10 s."""
+"""Measures of tasks with people: contacts, time in personal space, smallest gap and time to collision.
+
+Personal space ends 0.45 m from a person's surface (Hall, "The Hidden Dimension", 1966). Gaps are at most 10 m, times to
+collision (at constant velocities) at most 10 s."""
 
 
 def route_driven(history: EpisodeHistory) -> float:

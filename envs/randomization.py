@@ -24,7 +24,7 @@ RANDOMIZABLE = (
 """Names of the robot parameters that may be randomized. Parameters that affect spaces, maps or plans may not, such as
 footprint and lidar range."""
 AT_MOST_NOMINAL = ("max_v", "max_w")
-"""Names of robot parameters whose samples must not exceed the nominal value, which limits the commands."""
+"""Names of robot parameters whose samples must not exceed the nominal value, as commands use the nominal limits."""
 
 Ranges = Mapping[str, Sequence[float]]
 """Ranges (low, high) by parameter name, in the unit of the parameter."""

@@ -1,4 +1,4 @@
-"""Readings, estimates and ground truth of a robot."""
+"""Sensor readings, estimates and ground truth of a robot."""
 
 import math
 from collections.abc import Hashable, Iterable, Sequence
@@ -25,7 +25,7 @@ from lidarnaut.envs.slam import KnownPoses, TinySlam
 from lidarnaut.envs.slam.key_scans import KeyScanSlam
 
 SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
-"""Flags of due work in a robot state: process the scan, record the estimated position, record the true position."""
+"""Bit flags in a robot's state: process the scan, record the estimated position, record the true position."""
 
 ONE_ACTIVE = np.ones(1, dtype=np.bool_)
 MAX_PERSON_GAP, MAX_TIME_TO_COLLISION = 10.0, 10.0
@@ -92,7 +92,7 @@ class Robot:
         self.tracker: PeopleTracker | None = None
         """Tracker that excludes people from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
-        """Whether the pose follows odometry between processed scans; False for estimators that process every scan."""
+        """Whether odometry moves the pose between processed scans; False if the estimator processes every scan."""
         slam: Any = getattr(estimator, "params", None)  # None for dead reckoning
         self._reading: Reading
         self._batch: SimpleNamespace | None = None
@@ -186,9 +186,9 @@ class Robot:
     def reset(
         self, rows: Rows, index: int, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None
     ) -> None:
-        """Start an episode with the robot at rest; the first scan is processed later, by `integrate`.
+        """Start an episode with the robot at rest; `integrate` then processes the first scan.
 
-        `rows`: states of all robots; `index`: this robot. `rng`: generator of the estimator.
+        `rows`: state table of all robots; `index`: this robot's row. `rng`: random generator of the estimator.
         `shared_map`: map that the robots of a team share, or None.
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
@@ -227,7 +227,7 @@ class Robot:
         self.belief.on_people = tracker.is_on_person(ranges, include=NOT_STANDING)
 
     def locate(self, flags: int) -> None:
-        """Update pose, map and path after a control period, by the scan or by odometry.
+        """Update estimated pose, map and path after a control period, from the scan or from odometry.
 
         `flags`: `SCAN` to process the scan, `REMEMBER` to record the position. Raises ValueError if the estimator
         returns invalid results.
@@ -264,7 +264,7 @@ class Robot:
         return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])
 
     def follow(self, belief: Belief) -> None:
-        """Adopt the estimator's result for a scan: pose, velocity, path and map changes."""
+        """Store the estimator's result for a scan: pose, velocity, path and map changes."""
         if self._own_estimator:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape

@@ -24,7 +24,7 @@ from lidarnaut.envs.worlds import World
 class ObservationPart(Protocol):
     """Entry of the observation dictionary of a robot.
 
-    A part with state has `reset(robot)`, called after the robot has processed its first reading. A part with
+    A part that keeps state has `reset(robot)`, called after the robot's first scan in an episode. A part with
     `uses_ground_truth = True` has `write(robot, out, truth)`, with a `GroundTruth`; policies that observe it get a
     suffix in reports, see `lidarnaut.baselines.policy.marked`.
     """
@@ -39,7 +39,7 @@ class ObservationPart(Protocol):
 
 
 class RowPart:
-    """Base of built-in observation parts, which write their observation entry for many robots in one call.
+    """Base of built-in observation parts, which write one observation entry of many robots in a single call.
 
     Subclasses define `write_rows(batch, out)` for active robots of a `Batch` of environments.
     """
@@ -101,9 +101,9 @@ class Task(ABC):
     Constructor parameters become arguments of the environments. A task has access to ground truth. Policies only see
     its observation parts and `prior`.
 
-    To be fast in vector environments, a task with state in `Rows.memory` may implement `update_rows(batch)`: `update`
-    for all environments of `batch.active`. It returns `quantities`, `metrics` and whether the episode has ended, as
-    arrays with one entry per environment; see `lidarnaut.envs.tasks.reach_goal`.
+    For fast vector environments, a task may keep its state in the arrays `Rows.memory` and define `update_rows(batch)`:
+    `update` for all environments of `batch.active`. It returns `quantities`, `metrics` and whether the episode has
+    ended, as arrays with one entry per environment; see `lidarnaut.envs.tasks.reach_goal`.
     """
 
     measures: ClassVar[Sequence[Measure]] = (TIME_TO_SUCCESS,)
@@ -116,15 +116,17 @@ class Task(ABC):
     is_team: ClassVar[bool] = False
     """Whether actions and observations have a leading axis for robots."""
     rests_between_scans: bool = False
-    """Whether `update` may be skipped in control periods without a processed scan. Such a period adds its duration to
-    the rewarded quantity "time" and, in contact, to "collision"; other quantities are 0."""
+    """Whether `update` may be skipped in control periods without a processed scan.
+
+    A skipped period only adds its duration to the rewarded quantity "time" and, in contact, to "collision"."""
     arrays: tuple[np.ndarray, ...] = ()
-    """Arrays of the task for kernels, available to `update_rows` as `batch.task_arrays`."""
+    """Arrays of the task for Numba kernels, available to `update_rows` as `batch.task_arrays`."""
     uses_true_motion: bool = False
     """Whether estimators receive the true motion instead of odometry."""
     sampler_ahead: Any = None
-    """World sampler of `draw_world` if another thread may draw worlds in advance, otherwise None. `draw_world` must
-    then depend only on this sampler and the generator, and call no user code."""
+    """World sampler, if another thread may draw worlds in advance; otherwise None.
+
+    `draw_world` must then use only this sampler and the generator, and call no user code."""
     weights: Mapping[str, float]
     """Weights of the reward terms, by the name of a quantity."""
     reward: Any = None
@@ -175,7 +177,7 @@ class Task(ABC):
         """
 
     def place(self, world: World, start: Any) -> World:
-        """Return the world of an episode that starts at `start`: `world`, or a part of it."""
+        """Return the world to simulate for a given start: `world` or a part of it."""
         return world
 
     @abstractmethod
@@ -186,9 +188,9 @@ class Task(ABC):
         """
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return the initial pose and map of the robot `index`; by default its pose and no map.
+        """Return the initial pose and map for the estimator of robot `index`; by default the start pose and no map.
 
-        `rng` is the generator of the robot's estimator.
+        `rng` is the estimator's generator.
         """
         return Prior(self.map_pose.between(self.starts[index]))
 
@@ -196,7 +198,7 @@ class Task(ABC):
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode after the robots have processed their first readings.
+        """Start an episode after the robots have processed their first sensor readings.
 
         Args:
             simulator: ground truth: robot states, contacts and people.

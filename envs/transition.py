@@ -81,8 +81,8 @@ def _watch_people(row, people):
 def update_robots(rows, people):
     """Update robot states after a control period: contacts, odometry, predicted pose, and flags such as `SCAN`.
 
-    The predicted pose follows odometry from the last processed scan. `rows`: robot states, shape (n, ROW_SIZE),
-    float64. `people`: states of all people.
+    The predicted pose follows odometry from the last processed scan. `rows`: robot states, shape (n, ROW_SIZE).
+    `people`: states of people.
     """
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -117,8 +117,8 @@ def update_robots(rows, people):
 def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
     """Simulate one control period of several environments with `num_robots` robots each.
 
-    `rows`, `draws`, `ranges`: states, noise and lidar ranges of the robots of all environments. `active`: environments
-    to step, shape (num_envs,), bool. `world_arrays`: wall segments, circles and people by environment.
+    `rows`, `draws`, `ranges`: states, random numbers and lidar ranges of robots, one row per robot. `active`:
+    environments to simulate, shape (num_envs,), bool. `world_arrays`: wall segments, circles and people by environment.
     """
     for i in range(active.shape[0]):
         if active[i]:
@@ -130,7 +130,7 @@ def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
 
 @njit(cache=True, error_model="numpy")
 def record_positions(rows, active, positions, counts):
-    """Record the positions of robots with a flag `REMEMBER` or `REMEMBER_TRUE`; return True if an array is full.
+    """Append the positions of robots with a flag `REMEMBER` or `REMEMBER_TRUE` to arrays; return True if one is full.
 
     `rows`: robot states. `active`: robots to process, shape (n,), bool. `positions`: recorded estimated and true
     positions, shape (n, k, 4), float64 [m], updated. `counts`: their numbers, shape (n, 2), int64, updated.

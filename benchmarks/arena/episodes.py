@@ -91,9 +91,9 @@ class Episodes:
         return {start_of(row): row for row in self.of(policy)}
 
     def unseen(self) -> "Episodes":
-        """Return the episodes in worlds or with robots not used in training.
+        """Return only the episodes in worlds or with robots not used in training.
 
-        Empty without learned policies, or if this holds for all episodes.
+        Empty without learned policies, or if these are all episodes.
         """
         found = self.where(lambda row: is_held_out(row["world"], row["robot"]))
         return found if len(found) < len(self) and any(row["model"] for row in self) else Episodes((), self.measures)
@@ -108,10 +108,10 @@ class Episodes:
         return self.where(lambda row: start_of(row) in starts)
 
     def related(self, reference: str | None = None) -> "Episodes":
-        """Return the episodes with added columns for a comparison with a reference policy from equal starts.
+        """Return the episodes with added columns that relate them to a reference policy's episodes from equal starts.
 
-        `reached` is 1 if the episode reached the first threshold, such as 95 % explored. `relative_*` are times and
-        distances until a threshold, divided by the reference policy's, or by the limit if it missed the threshold.
+        `reached` is 1 if the episode reached the first threshold, such as 95 % explored. `relative_*` is the time or
+        distance until a threshold, divided by that of the reference policy (its limit if it missed the threshold).
         """
         references = self.by_start(reference or self.reference) if self.rows else {}
         related = []
@@ -131,7 +131,7 @@ class Episodes:
         return _strata([row for row in self.of(policy) if measure.name in row], measure)
 
     def pairs(self, a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Return the values of a measure for two policies in episodes with equal conditions and seed.
+        """Return the values of a measure for policies `a` and `b` in episodes with equal conditions and seed.
 
         Both lists have one array per combination of conditions, in equal order.
         """
@@ -170,7 +170,7 @@ class Episodes:
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
 
     def gaps_closed(self, policy: str) -> dict[str, Estimate]:
-        """Return a policy's improvement on the reference, divided by that of the ground-truth policy, by measure.
+        """Return the share of the gap from the reference to the ground-truth policy that a policy closes, by measure.
 
         Empty for these two policies, or if no policy uses ground truth.
         """
@@ -198,7 +198,7 @@ def _strata(rows: Sequence[Row], measure: Measure, value: Callable[[Row, Measure
 
 
 def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
-    """Return the policies with the best rounded estimate of a measure; empty if all are equal.
+    """Return the policies with the best value of a measure, as rounded in tables; empty if all are equal.
 
     Policies with access to ground truth are ignored.
     """

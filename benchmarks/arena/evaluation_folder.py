@@ -118,7 +118,7 @@ class Records:
                 )
 
     def find(self, key: Key, model: str = "") -> Row | None:
-        """Return the results of an episode, or None; raise ValueError if other network weights (hash) produced them."""
+        """Return the results of an episode, if any; raise ValueError if their network weights differ from `model`."""
         row = self._rows.get(key)
         if row and row["model"] != model:
             raise ValueError(

@@ -46,7 +46,7 @@ def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
 def ranking_sections(episodes: Episodes) -> list[Section]:
     """Return the report sections with the leaderboard.
 
-    If learned policies ran, a leaderboard of worlds or robots not used in training comes first.
+    If learned policies ran, the first leaderboard covers only worlds and robots not used in training.
     """
     headline, shown = episodes.measures.headline, episodes.measures.shown
     text = (

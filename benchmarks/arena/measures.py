@@ -34,15 +34,15 @@ class Measures:
         self.decisive = (*self.relative, self.headline)[0]
         """Measure that decides which policy the summary names as best."""
         self.compared = self.headline, *(self.marks or others)
-        """Measures that tables of a single world compare between policies."""
+        """Measures shown in comparisons of policies in a single world."""
         self.gaps = self.headline, *(self.relative or others)
-        """Measures that tables over several worlds compare between policies."""
+        """Measures shown in comparisons of policies over several worlds."""
         main = self._named(self.progress) if self.marks else others
         ends = SUCCESS, *self._named("collisions", "decision_ms")
         self.shown = self.headline, *main, *self.relative, *self.reached, *ends
         """Measures shown as columns of the leaderboard."""
         self.on_axes = self.headline, *(self.reached or (SUCCESS,)), *self._named("position_rmse", "map_iou")
-        """Measures whose values are shown in comparisons of SLAMs, simulators or crowds."""
+        """Measures shown in comparisons of SLAMs, simulators or crowds."""
         time = next((measure for measure in self.own if measure.limit), SUCCESS)
         safe, common = self._named("collisions"), COMMON[: NUM_BRIEF - 2]
         story = (self.marks[0], *common) if self.marks else (SUCCESS, time, *safe, *others, *common)
@@ -61,11 +61,10 @@ def share_of(mark: Measure) -> Measure:
 
 
 def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, str]:
-    """Format an estimate for a table cell as text and note, such as ("41", "35 to 47") with the 95 % interval.
+    """Format an estimate for a table cell: text and note, such as ("41", "35 to 47") with the 95 % interval as note.
 
-    If some episodes missed a threshold: ("> 310 s", "1 of 8"), a lower bound and the number that reached it. If all
-    missed it: ("never", "> 300 s"), or ("> 6.0", "never") for measures without a limit. `sign="+"` adds a plus sign to
-    positive values.
+    If some episodes missed a threshold, the text is a lower bound ("> 310 s"), and the note counts those that reached
+    it ("1 of 8"). If all missed it, one of the two is "never". `sign="+"` adds a plus sign to positive values.
     """
     numbers = (measure.text(value, sign) for value in estimate[:3])
     middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))

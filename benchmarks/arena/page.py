@@ -44,7 +44,7 @@ class Table(NamedTuple):
     head: Sequence[str]
     lines: Sequence[Sequence[Cell]]
     words: tuple[int, ...] = ()
-    """Indices of text columns, which are left-aligned, besides the first."""
+    """Indices of text columns, left-aligned like column 0; other columns are right-aligned."""
     is_open: bool = False
     """Whether the table is shown inline even if it is long."""
 

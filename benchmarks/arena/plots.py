@@ -126,10 +126,10 @@ def draw_values(
     title: str,
     are_shares: bool,
 ) -> Figure:
-    """Plot each policy's estimate and 95 % interval as a row, with a text beside it; `marked` policies are coloured.
+    """Plot each policy's estimate and 95 % interval in a row, with a text on the right.
 
-    `levels` are labelled vertical lines. `are_shares`: values are relative to the reference policy; the axis ends at
-    `MAX_SHARE`.
+    `marked` policies are coloured. `levels`: labelled vertical lines. `are_shares`: values are relative to the
+    reference policy, and the axis ends at `MAX_SHARE`.
     """
     figure = Figure(figsize=(7.0, 1.2 + 0.27 * len(values)))
     axes = figure.subplots()

@@ -73,10 +73,10 @@ def parse_policy(
 ) -> Policy:
     """Return the policy with a given name, after constructing it once as a check.
 
-    Names are those of classic policies, also with parameters (`nearest?max_time=8,inflation=0.3`), `ppo:PATH` or
-    `learned:PATH` (trained policy), `pursuit:PATH` (trained frontier score, driven by `pursuit`), or `module:attribute`
-    (user code). `LABEL=` may precede all but plain classic names. PATH is a run or checkpoint folder, or
-    `pretrained/NAME`; a pattern with `*` selects the last match. `?deterministic=false` samples actions.
+    A name is a classic policy, also with parameters (`nearest?max_time=8`), `ppo:PATH` or `learned:PATH` (trained
+    policy), `pursuit:PATH` (trained frontier score, driven by `pursuit`), or `module:attribute` (user code). `LABEL=`
+    may precede all but plain classic names. PATH is a run or checkpoint folder, or `pretrained/NAME`; a pattern with
+    `*` selects the last match. `?deterministic=false` samples actions.
 
     Raises:
         ValueError: if the policy is unknown or unsuitable for the task; lists the allowed ones.

@@ -150,7 +150,7 @@ class Evaluation:
         return failures
 
     def rows(self) -> list[Row]:
-        """Return one row of `episodes.csv` per finished episode of all machines, without the SLAM comparison."""
+        """Return the rows of `episodes.csv` for finished episodes of all machines, without the SLAM comparison."""
         return list(filter(None, map(self._find, self._tasks)))
 
     def slam_axis_rows(self) -> list[Row]:

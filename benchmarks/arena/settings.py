@@ -47,7 +47,7 @@ class Case:
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     def name(self, part: str) -> str:
-        """Return the text of a condition in tables; `part` is its name: `world`, `physics`, `slam` or `people`."""
+        """Return the displayed value of a condition; `part`: `world`, `physics`, `slam` or `people`."""
         value, argument = getattr(self, part), estimator_of(self.id) if part == "slam" else part
         if part == "world" and self.label:
             return self.label
@@ -74,7 +74,7 @@ def parse_world(name: str) -> tuple[str, str]:
     """Split `LABEL=WORLD` into label and world. Without a label, both are the world.
 
     Raises:
-        ValueError: if label or world of `LABEL=WORLD` is a library world, procedural family or group.
+        ValueError: if a labelled world or its label names a library world, family or group.
     """
     if not (match := re.fullmatch(r"([\w.-]+)=(.+)", name)):
         return name, name
@@ -91,7 +91,7 @@ Episodes = Annotated[int, Field(ge=1, le=100_000)]
 
 
 class SlamAxis(Section):
-    """Settings of a comparison of SLAM algorithms with the same policies; omitted if `worlds` is empty."""
+    """Settings of an additional comparison of SLAM algorithms, with equal policies; empty `worlds` omit it."""
 
     policies: tuple[str, ...] = ()
     worlds: tuple[str, ...] = ()
@@ -172,7 +172,7 @@ class Settings(Section):
         return tuple(dict.fromkeys((*self.policies, *self.slam_axis.policies)))
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield conditions, seed and policy names of all episode starts, except those of the SLAM comparison."""
+        """Yield the starts of the main evaluation (without `slam_axis`): conditions, seed and policy names."""
         for case in self._cases(self.worlds, self.robots, self.physics, self.slam, self.people):
             episodes = (case.name("world") in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):

@@ -31,7 +31,7 @@ class Estimate(NamedTuple):
 
 
 Band = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Curve with the lower and upper end of its 95 % interval: arrays of shape (points,), or scalars."""
+"""Curve (shape (points,)) or scalar, with the lower and upper end of its 95 % interval."""
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -69,9 +69,9 @@ def _draws(strata: Strata, num_resamples: int) -> np.ndarray:
 def estimate(
     strata: Strata, reached: Strata | None = None, statistic: Callable[..., np.ndarray] = interquartile_mean
 ) -> Estimate:
-    """Estimate a statistic with its 95 % bootstrap interval, of zero width for a single episode.
+    """Estimate a statistic of episode values with its 95 % bootstrap interval.
 
-    `strata` has one array per world. `reached`, bool, has equal shapes: False for lower bounds.
+    `strata` has one array per world. `reached`, of equal shapes, is False for values that are only lower bounds.
     """
     middle, low, high = map(float, bootstrap(strata, statistic))
     found = Estimate(middle, low, high, sum(map(len, strata)))

@@ -64,7 +64,7 @@ def _wrong(measurement: Measurement, rng: np.random.Generator) -> Delivery:
 FILTERS: dict[str, Fault] = {
     name: _lost_if(lambda sent, rng, kinds=kinds: sent.kind not in kinds) for name, kinds in FUSIONS.items() if kinds
 }
-"""Compared sets of sensors by name, each as a function that drops the measurements of all other sensors."""
+"""Compared sensor sets by name: functions that drop the measurements of all other sensors."""
 FAULTS: dict[str, Fault] = {
     "none": lambda sent, rng: (0.0, sent),
     "each up to 0.8 s late, out of order": lambda sent, rng: (rng.uniform(0.0, 0.8), sent),
@@ -87,7 +87,7 @@ class FaultyChannel:
         self._delayed: list[Delivery] = []
 
     def deliver(self, time: float, measurements: Sequence[Measurement]) -> Estimate:
-        """Add faults to measurements and send them to the EKF; return the pose estimate at `time` [s]."""
+        """Send measurements to the EKF with simulated faults; return its pose estimate at `time` [s]."""
         for measurement in measurements:
             delay, sent = self._fault(measurement, self._rng)
             if delay < math.inf:
@@ -233,10 +233,10 @@ def nees_bounds(num_drives: int) -> tuple[float, float]:
 
 
 def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
-    """Return a filter's pose errors: median and maximum over drives.
+    """Return a filter's pose errors: medians over drives, and maxima with the suffix `_worst`.
 
-    Names of maxima end with `_worst`. `nees` is the mean normalised estimation error squared (3 if consistent).
-    `nees_within` is the share of control periods whose NEES, averaged over drives, lies within its 95 % bounds.
+    `nees` is the mean normalised estimation error squared, 3 for a consistent filter. `nees_within` is the share of
+    control periods whose NEES, averaged over drives, lies within its 95 % bounds.
     """
     found = []
     for error in (drive.error(fusion) for drive in drives):

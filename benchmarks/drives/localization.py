@@ -39,7 +39,7 @@ from lidarnaut.envs.worlds import load_world
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
 TRACKING_TIME, KIDNAPPED_AT, RECOVERY_TIME = 60.0, 20.0, 90.0
-"""Durations of tracking or global localization, and of driving before and after a kidnapping [s]."""
+"""Durations of driving [s]: for tracking or global localization, before a kidnapping, and after it."""
 MAX_POSITION_ERROR, MAX_HEADING_ERROR = 0.5, math.radians(20.0)
 """Maximum errors of a correct pose estimate [m, rad]."""
 MIN_CORRECT_TIME = 5.0

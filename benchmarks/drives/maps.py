@@ -30,7 +30,7 @@ class Panel(NamedTuple):
     title: str
     grid: OccupancyGrid
     path: np.ndarray
-    """Driven path (x, y, ...) in the figure's frame, shape (n, >= 2) [m]."""
+    """Driven path in the figure's frame, with x and y in the first two columns, shape (n, >= 2) [m]."""
     wrong: np.ndarray | None = None
     """Mask of wrong occupied cells, shape of the map, bool; None without ground truth."""
     map_pose: Pose2D = ORIGIN

@@ -126,9 +126,9 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
 
 
 def right_since(is_right: np.ndarray, hold: float) -> float:
-    """Return the time after which a pose estimate stays correct until the end [s].
+    """Return the time after which a pose estimate stays correct until the end of the drive [s].
 
-    `is_right` has one flag per scan. Returns inf if an estimate of the last `hold` [s] is wrong.
+    `is_right` has one flag per scan. Returns inf if a flag of the last `hold` [s] is False.
     """
     if not is_right[-round(hold / PERIOD) :].all():
         return math.inf

@@ -123,7 +123,7 @@ def compare_slams(
 def compare_on_log(
     log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds: int, picture: Path | None = None
 ) -> list[Row]:
-    """Return the median errors of each SLAM on the log of a real robot; plot the last seed's maps to `picture`."""
+    """Return each SLAM's median errors over seeds on a real robot's log; plot the last seed's maps to `picture`."""
     log, relations, rows, panels = load_log(log_path), load_labelled(relations_path), [], []
     for name in Progress(slams, log_path.stem, leave=False):
         params, found = SLAMS[name].load("intel"), []

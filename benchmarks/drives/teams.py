@@ -77,8 +77,8 @@ def compare_teams(
 def summarise(rows: list[Row], robots: tuple[int, ...], policies: tuple[str, ...] = ("rrt_team",)) -> list[Row]:
     """Return table rows with exploration times and speed-ups, one for each world, policy and team size.
 
-    `rows` are episode results, with the team size in the policy's name, such as "rrt_team 3". Ratios are
-    interquartile means over equal seeds, or lower bounds if the team in the numerator missed 95 % explored.
+    `rows` are episode results, with the team size in the policy's name, such as "rrt_team 3". Ratios of two teams'
+    times are interquartile means over equal seeds, or lower bounds if the first team missed 95 % explored.
     """
     together, lines = Episodes(rows, MEASURES), list[Row]()
     worlds = together.by_case()

@@ -49,7 +49,7 @@ DESIGNS = (
 
 
 class Case(NamedTuple):
-    """Measured configuration: environment design, number of obstacles in the hall, and SLAM ("tinyslam" or "truth")."""
+    """Configuration to be measured: environment design, number of obstacles, SLAM ("tinyslam" or "truth")."""
 
     design: Design
     num_bodies: int
@@ -65,7 +65,7 @@ class Drive(NamedTuple):
     step: Callable[[int], object]
     close: Callable[[], object]
     at_once: int
-    """Steps per sub-environment between two readings of the clock."""
+    """Number of steps per sub-environment in each call of `step`."""
 
 
 def benchmark_robot(num_beams: int = 360) -> RobotParams:

@@ -14,7 +14,7 @@ SIDE, WALL = 16.0, 0.2
 GAP, FREE_AROUND_SPAWN = 0.35, 0.7
 """Minimum distance between obstacles, and between obstacles and the start pose [m]."""
 PACKING = 0.45
-"""Share of the floor that obstacles of maximum radius, with half the gap around each, would cover; sets this radius."""
+"""Share of the floor covered by obstacles if all have maximum size, with half of `GAP` around each; sets this size."""
 PILLARS = 10
 """Every tenth obstacle of a hall is a cylinder (pillar); the others are boxes."""
 

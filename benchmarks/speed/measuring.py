@@ -65,7 +65,7 @@ def steps_per_second(case: Case, seconds: float) -> float:
 def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repeats: int) -> dict[Case, float]:
     """Return median steps per second of environment designs, measured in turn so that other load affects all equally.
 
-    `calls` maps a number of CPU cores to a function that runs code in a process pinned to these cores.
+    `calls`: by number of CPU cores, a function that runs another in a process pinned to this number of cores.
     """
     turns = [case for case in cases if case.design.cores in calls]
     for cores, call in calls.items():
@@ -90,7 +90,7 @@ def compare_designs(
 
 
 def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int) -> list[dict[str, Any]]:
-    """Return the time per step of a sub-environment [us] for each value in `GROWTH` and each SLAM."""
+    """Return the step time of a sub-environment [us] for growing numbers of beams, map cells and sub-environments."""
     rows = []
     for (key, values), slam in itertools.product(GROWTH.items(), SLAMS):
         cases = {}

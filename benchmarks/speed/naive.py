@@ -25,7 +25,7 @@ from lidarnaut.envs.worlds import explorable_area
 PHYSICS_HZ = 240
 """Physics steps per second [1/s], PyBullet's default."""
 CROP_SIZE, PIXEL = 64, 0.125
-"""Side of the observed map image [pixels], and side of a pixel [m]."""
+"""Side of the square map image in observations [pixels], and of a pixel [m]."""
 QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
 
 

@@ -75,9 +75,9 @@ class NaiveSlam:
         self.counts, self._sums = np.zeros(self.shape, dtype=np.int64), np.zeros(self.shape)
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Estimate the pose, and insert the scan unless the robot hardly moved; return newly known cells.
+        """Update the pose estimate, and insert the scan into the map if the robot moved far enough.
 
-        Cells are (row, column), shape (k, 2).
+        Returns newly known cells (row, column), shape (k, 2).
         """
         params, last = self._params, self._last_integrated
         predicted = self.pose = self.pose.compose(motion)

@@ -34,8 +34,8 @@ def cast_rays_in_numpy(
 def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
     """Downsample an occupancy grid, shape (height, width), int8, to coarse cells of `block` x `block` grid cells.
 
-    Returns shape (3, rows, columns), uint8: any grid cell occupied, share of free grid cells, visited. `visited` are
-    grid cells of the robot (row, column), shape (n, 2).
+    Returns shape (3, rows, columns), uint8: contains an occupied cell, share of free cells, visited by the robot.
+    `visited` are grid cells (row, column), shape (n, 2).
     """
     rows, cols = -(-data.shape[0] // block), -(-data.shape[1] // block)
     margins = ((0, rows * block - data.shape[0]), (0, cols * block - data.shape[1]))
@@ -49,10 +49,10 @@ def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarr
 
 
 def crop_in_numpy(pooled: np.ndarray, x: float, y: float, theta: float, pixel: float, size: int) -> np.ndarray:
-    """Return a robot-centred crop of the downsampled map `pooled`: shape (channels, size, size), uint8; 0 outside.
+    """Return a map crop centred on and aligned with the robot: shape (channels, size, size), uint8; 0 outside the map.
 
-    `pooled` has shape (channels, rows, columns). `x`, `y` and the side `pixel` of a crop pixel are in cells of
-    `pooled`.
+    `pooled`: downsampled map, shape (channels, rows, columns). `x`, `y`, `pixel`: robot position and pixel size
+    [cells].
     """
     c, s = math.cos(theta), math.sin(theta)
     steps = (np.arange(size) - 0.5 * size + 0.5) * pixel
