@@ -22,8 +22,8 @@ MAY_CHANGE = {
     "hyperparameters": "training",
     **dict.fromkeys((f"hyperparameters.{name}" for name in ("ent_coef", "policy_kwargs", "use_sde")), ""),
 }
-"""Kinds of runs (training, evolution, sweep) that may be resumed with a new value of a configuration key; empty for
-none. Nested keys without an entry are treated like their parent key."""
+"""Configuration keys, and the kinds of runs (training, evolution, sweep) that can be resumed with a new value; an empty
+text for none. Nested keys without an entry are treated like their parent key."""
 DEFAULT = "the default"
 Config = TrainingConfig | EvolutionConfig | Mapping[str, Any]
 

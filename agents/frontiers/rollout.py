@@ -39,7 +39,7 @@ def explore(
 
 
 def compare(task: ExplorationTask, weights: Sequence[np.ndarray]) -> np.ndarray:
-    """Compare n linear frontier scores with the rule `gain_over_cost` in an exploration task.
+    """Explore a world with each of n linear frontier scores, and compare the times with a classic rule.
 
     `weights`: n vectors, shape (NUM_FEATURES,). Returns log(exploration time / time of the rule) and explored fraction,
     shape (n, 2), float64.

@@ -93,7 +93,7 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
     """Return approximate path lengths between a start and n stops, shape (n + 1, n + 1), float64, symmetric [m].
 
     `start`: (x, y), map frame [m]. `stops`: shape (n, 2), float64, map frame [m]. Lengths are at most
-    `UNREACHABLE_LENGTH`. On the coarse search map, narrow passages may be open.
+    `UNREACHABLE_LENGTH`. The coarse grid may let paths through passages that are too narrow.
     """
     points, grid = np.vstack([start, stops]), costmap.grid
     reach, size = math.ceil(SEARCH_MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))

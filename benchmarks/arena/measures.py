@@ -30,7 +30,7 @@ class Measures:
         self.reached = (
             Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True),
         ) * bool(self.marks)
-        """Measure with value 1 if an episode reached the threshold, else 0; empty for tasks without a threshold."""
+        """Measure of success: 1 if an episode reached the task's progress threshold (such as 95 % explored), else 0."""
         self.decisive = (*self.relative, self.headline)[0]
         """Measure that decides which policy the summary names as best."""
         self.compared = self.headline, *(self.marks or others)

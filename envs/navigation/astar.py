@@ -42,7 +42,7 @@ ESCAPE_WEIGHT = 10.0
 def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
     """Return the weight of each costmap value in path search, shape (256,), uint8; 0 if not traversable.
 
-    `cost_weight`: additional weight at `COST_MAX_FREE`, relative to a free cell, 0 to 9.
+    `cost_weight`: relative extra cost, 0 to 9, of traversable cells next to obstacles.
     """
     if not 0 <= cost_weight <= MAX_COST_WEIGHT:
         raise ValueError(f"cost_weight must lie in [0, {MAX_COST_WEIGHT}], got {cost_weight}")

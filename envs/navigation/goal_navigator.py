@@ -153,7 +153,7 @@ class GoalNavigator:
         params: GoalParams = GoalParams(),
         planning: PlanningParams | None = None,
     ) -> None:
-        """Create a navigator; `planning`: None for the default parameters on known or growing maps."""
+        """Create a navigator. `planning`: parameters; None for defaults that depend on whether the map is known."""
         self.params, self.planning = params, planning
         self.goal: tuple[float, float] | None = None
         """Goal (x, y), map frame [m]."""

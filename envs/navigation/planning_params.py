@@ -36,7 +36,7 @@ class PlanningParams:
     view_range: float = 8.0
     """Radius for counting unknown area in view of a viewpoint [m], limited by the lidar's range."""
     heading_distance: float = 0.6
-    """Distance along a path to the point whose bearing is the policy input `turn` [m]."""
+    """Distance along the path to a frontier at which the initial heading change is measured, for policies [m]."""
 
     def costmap(self, robot_radius: float) -> CostmapParams:
         """Return inflation parameters for a footprint radius [m]."""
@@ -68,7 +68,7 @@ class NavigatorParams:
     still_distance: float = 0.1
     """Displacement that shows that the robot is not stuck [m]; see `still_time`."""
     still_time: float = 30.0
-    """Time without `still_distance` of motion after which the robot counts as stuck when no frontier is left [s]."""
+    """The robot counts as stuck if it moves less than `still_distance` in this time and no frontier is left [s]."""
     spin_rate: float = 1.0
     """Yaw rate of recovery spins [rad/s], limited by the robot."""
     look_radius: float = 3.0

@@ -77,7 +77,7 @@ def _draw_beams(surface: pygame.Surface, scene: Scene, view: View) -> None:
 def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the lidar position, shape (2,), and beam end points, shape (num_beams, 2) [m].
 
-    They are in the frame that `pose` refers to. Beams without return end at the maximum range, lost beams at the lidar.
+    Both are in the frame of `pose`. Beams without an echo end at the maximum range, invalid beams at the lidar.
     """
     lidar, mount = robot.lidar, (robot.lidar.mount.x, robot.lidar.mount.y)
     lengths = np.nan_to_num(ranges.astype(np.float64), nan=0.0, posinf=lidar.range_max)

@@ -141,7 +141,7 @@ class Coverage:
     """
 
     def __init__(self, area: ExplorableArea, start: Pose2D, lidar: LidarParams) -> None:
-        """Start without explored cells; `start`: true pose of the map frame, world frame."""
+        """Begin with no explored cells. `start`: true pose of the map frame in the world."""
         self.area = area
         self.start = start
         self._mount = lidar.mount

@@ -62,7 +62,7 @@ class WorldTask(Task):
 
     @property
     def sampler_ahead(self) -> Any:
-        """Function that draws the world of the next episode in advance; None if it would run user code."""
+        """Function that draws the world of the next episode in advance; None for world generators of the user."""
         is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
         return self._sample if is_own and has_no_effects(self._sample) else None
 

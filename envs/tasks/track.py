@@ -159,9 +159,9 @@ class Track(Task):
         return self.starts
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return the map for the localizer, and its origin as initial pose.
+        """Return the known map and the robot's initial pose for the localizer.
 
-        A mapping drive makes the map at the first call.
+        The map comes from a simulated mapping drive at the first call.
         """
         drive = self.physics, self.slam, self.route_world.points.tobytes()
         made_with = self.map_resolution, self.control_period, self.map_seed

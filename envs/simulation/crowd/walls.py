@@ -75,7 +75,7 @@ def _pairs(bodies, near, reach, origin_x, origin_y, rows, cols):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def near_list(near, grid, x, y):
-    """Return the section (first, end) of table `near` with the obstacles around (x, y). Empty outside the grid."""
+    """Return the index range (first, end) of the obstacles near (x, y) in a list of obstacles per grid cell."""
     row, col = math.floor((y - grid[1]) / CELL), math.floor((x - grid[0]) / CELL)
     if not (0 <= row < grid[2] and 0 <= col < grid[3]):
         return 0, 0
