@@ -141,7 +141,7 @@ def parse_record(content: Any, source: str, kind: type[Record]) -> Record:
     try:
         return _adapter(kind).validate_python(_checked_mapping(content, source))  # type: ignore[arg-type]
     except ValidationError as error:
-        raise ValueError("\n".join(f"{source}: {line}" for line in explain_errors(error, kind))) from error
+        raise ValueError("\n".join(f"{source}: {line}" for line in explain_errors(error, kind))) from None
 
 
 def dump_record(record: BaseModel) -> str:
