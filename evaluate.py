@@ -70,7 +70,9 @@ def main(arguments: list[str] | None = None) -> int:
     file = first.parse_known_args(arguments)[0].config
     command: Command | None = None
     try:
-        settings: Any = read_record(find_configuration(file), Settings) if file is not None else tyro.MISSING
+        settings: Any = tyro.MISSING
+        if file is not None:
+            settings = read_record(find_configuration(file, "policies"), Settings)
         default = Command(settings, out=tyro.MISSING)
         arguments, further = split_arguments(arguments)
         command = parse_options(Command, arguments, default=default, description=__doc__)

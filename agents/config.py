@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_origin
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, field_validator, model_validator
 
 from lidarnaut.agents.frontiers.tasks import SIDES
-from lidarnaut.envs.files import explain_unknown, parse_record
+from lidarnaut.envs.files import explain_unknown, parse_record, read_mapping
 
 ALGORITHMS = {
     **dict.fromkeys(("PPO", "A2C", "SAC", "TD3", "DDPG", "DQN"), "stable_baselines3"),
@@ -235,17 +235,17 @@ def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | Evolu
 CONFIGURATIONS = Path(__file__).resolve().parents[1] / "configs"
 
 
-def find_configuration(name: str) -> Path:
-    """Return the path of a configuration file.
+def find_configuration(name: str, key: str) -> Path:
+    """Return the file of a configuration: a path, or the name of a packaged one, such as `explore_frontiers`.
 
-    `name`: path of a YAML file, or name of a configuration in the package, such as `explore_frontiers`.
+    `key`: top-level key of the kind of configuration: `experiment` for trainings, `policies` for evaluations.
 
     Raises:
-        ValueError: if there is no such configuration; the message lists the packaged ones.
+        ValueError: if there is no such configuration; the message lists the packaged ones of this kind.
     """
     if name.endswith((".yaml", ".yml")) or Path(name).is_file():
         return Path(name)
-    known = {path.stem: path for path in sorted(CONFIGURATIONS.rglob("*.yaml"))}
+    known = {path.stem: path for path in sorted(CONFIGURATIONS.rglob("*.yaml")) if key in read_mapping(path)}
     if name not in known:
         raise ValueError(f"unknown configuration {explain_unknown(name, known)}, and paths of YAML files")
     return known[name]

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, find_configuration, parse_config
 from lidarnaut.agents.run_folder import GENERATIONS, RECORD_FILE, SWEEP, VERSIONS, find_config
 from lidarnaut.agents.trust import check_names, named_code
@@ -56,18 +58,23 @@ def train(
 
         return evolve(parsed, resume=resume, ray=ray, progress=progress)
     if ray is not None:
-        raise ValueError("--ray supports sweeps and evolutions, not single trainings")
+        raise ValueError("ray supports sweeps and evolutions, not single trainings")
     from lidarnaut.agents import training
 
     return training.train(parsed, resume=resume, trust=trust, progress=progress)
+
+
+def _mapping(config: BaseModel) -> dict[str, Any]:
+    """Return a configuration as nested mappings. User-defined objects, such as robots and crowds, are kept."""
+    return {key: _mapping(value) if isinstance(value, BaseModel) else value for key, value in config}
 
 
 def _read(config: Any, resume: Any, changes: Mapping[str, Any], trust: tuple[str, ...]) -> tuple[dict[str, Any], str]:
     if resume is None and config is None:
         return dict(DEFAULTS), "the configuration"
     if resume is None and not isinstance(config, str | Path):
-        return dict(config if isinstance(config, Mapping) else config.model_dump()), "the configuration"
-    path = find_configuration(str(config)) if resume is None else find_config(resume)
+        return dict(config) if isinstance(config, Mapping) else _mapping(config), "the configuration"
+    path = find_configuration(str(config), "experiment") if resume is None else find_config(resume)
     data = read_mapping(path)
     if resume is not None or path.name == SWEEP or any((path.parent / name).exists() for name in RECORDS):
         check_names(data, str(path), [*trust, *named_code(changes)])

@@ -7,6 +7,9 @@ import gymnasium
 import pytest
 
 import lidarnaut
+from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
+from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.envs.robots import load_robot
 
 pytest.importorskip("torch", reason="learned policies are part of the public API")
 
@@ -77,9 +80,30 @@ def test_wrong_arguments_of_evaluate_name_the_culprit(wrong, match):
         lidarnaut.evaluate(**{"policies": ["pursuit"], "id": "lidarnaut/ReachGoal-v0", **wrong})
 
 
+def test_evaluate_has_the_defaults_of_settings():
+    fields, parameters = Settings.model_fields, inspect.signature(lidarnaut.evaluate).parameters
+    shared = (fields.keys() & parameters.keys()) - {"policies", "arguments"}
+    assert {"worlds", "people", "episodes", "seed", "id"} <= shared
+    assert {name: parameters[name].default for name in shared} == {name: fields[name].default for name in shared}
+
+
+def test_train_keeps_the_objects_of_a_configuration(monkeypatch, tmp_path):
+    seen = []
+    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, **_: seen.append(config) or tmp_path)
+    robot, crowd = load_robot("jackal"), lidarnaut.Crowd(number=3)
+    environment = EnvironmentConfig(id="lidarnaut/ReachGoal-v0", robot=robot, people=crowd)
+    config = TrainingConfig(experiment="a", algorithm="PPO", total_steps=64, environment=environment)
+    lidarnaut.train(config)
+    lidarnaut.train(config, {"environment.world": "rooms"})
+    assert seen[0] == config
+    assert seen[1].environment.arguments == {"robot": robot, "people": crowd, "world": "rooms"}
+
+
 def test_train_takes_a_mapping_with_changes_and_refuses_unknown_keys():
     data = {"experiment": "a", "algorithm": "PPO", "total_steps": 64, "environment": {"id": "lidarnaut/ReachGoal-v0"}}
     with pytest.raises(ValueError, match=r"no argument .worlt. .did you mean .world"):
         lidarnaut.train(data, {"environment.worlt": "rooms"})
     with pytest.raises(ValueError, match="did you mean 'reach_crowd'"):
         lidarnaut.train("reach_crwd")
+    with pytest.raises(ValueError, match="unknown configuration 'arena'"):
+        lidarnaut.train("arena")

@@ -30,7 +30,7 @@ from lidarnaut.baselines.episode import begin_episode, decide_with, run
 print(lidarnaut.__version__)
 for module in (agents, baselines, benchmarks, envs, evaluate_command, lidarnaut, train_command):
     print(Path(module.__file__))
-print(find_configuration("explore_frontiers"))
+print(find_configuration("explore_frontiers", "experiment"))
 assert load_world("barn:12").goals
 for explorer in (baselines.make_explorer("nearest"), load_policy(find_policy("pretrained/frontiers"))):
     env = gymnasium.make("lidarnaut:lidarnaut/ExploreHouse-v0", physics="kinematic", time_limit=3.0)

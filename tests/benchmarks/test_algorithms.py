@@ -101,7 +101,7 @@ def test_a_sweep_becomes_a_page_whether_all_some_or_none_of_it_is_done(tmp_path)
     (folder / "sweep.yaml").write_text(yaml.safe_dump(TINY | {"total_steps": 32, "seeds": [0, 1]}))
     (later,) = {task.missing for task in algorithms.read_tasks(folder / "sweep.yaml")}
     assert later == 4
-    algorithms.main(find_configuration("algorithms"), docs=tmp_path / "docs")
+    algorithms.main(find_configuration("algorithms", "experiment"), docs=tmp_path / "docs")
     page = (tmp_path / "docs" / "algorithms.md").read_text()
     assert "No training run is finished yet." in page
     assert page.count("Not measured yet: 12 training runs are missing.") == 7
