@@ -47,6 +47,7 @@ class Measures:
         safe, common = self._named("collisions"), COMMON[: NUM_BRIEF - 2]
         story = (self.marks[0], *common) if self.marks else (SUCCESS, time, *safe, *others, *common)
         self.brief = tuple(dict.fromkeys((self.headline, *story)))[:NUM_BRIEF]
+        """Main measures, printed by default: the headline, then the first threshold, or success and its time."""
         self.label = next((measure.label for measure in self._named(self.progress)), "progress")
         """Axis label of plots of task progress, such as "explored"."""
 

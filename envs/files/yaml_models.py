@@ -181,17 +181,15 @@ def _keys(kind: Any, parents: list[int | str], required: bool = False) -> list[s
         if isinstance(parent, str):
             record = _record_in(kind)
             kind = typing.get_type_hints(record).get(parent) if record else None
-    record = _record_in(kind)
+    record, missing = _record_in(kind), dataclasses.MISSING
     if dataclasses.is_dataclass(record):
-        missing = dataclasses.MISSING
-        return [
-            field.name
-            for field in dataclasses.fields(record)
-            if not required or (field.default is missing and field.default_factory is missing)
-        ]
-    if record is None or required:
-        return []
-    return list(getattr(record, "_fields", None) or record.model_fields)
+        defaults = {field.name: (field.default, field.default_factory) for field in dataclasses.fields(record)}
+        needed = {name: given == (missing, missing) for name, given in defaults.items()}
+    elif hasattr(record, "_fields"):
+        needed = {name: name not in record._field_defaults for name in record._fields}
+    else:
+        needed = {name: field.is_required() for name, field in record.model_fields.items()} if record else {}
+    return [name for name in needed if needed[name] or not required]
 
 
 def _record_in(kind: Any) -> Any:

@@ -262,7 +262,7 @@ class PlanningMap:
         self._layers: dict[int, CostLayer] = {}
         self.expansion = new_expansion(*shape)
         self.queue = np.empty((1024, 2), dtype=np.int32)
-        self._pending = Window(*map(int, known_window(grid.data))).blocks(self.block).shifted(top, left)
+        self._pending = known_window(grid.data).blocks(self.block).shifted(top, left)
         self._known = NO_WINDOW
         if len(marked):
             first, last = (self.cell(*corner.tolist()) for corner in (marked.min(axis=0), marked.max(axis=0)))

@@ -36,7 +36,7 @@ class PlanningParams:
     view_range: float = 8.0
     """Radius for counting unknown area in view of a viewpoint [m], limited by the lidar's range."""
     heading_distance: float = 0.6
-    """Distance along the path to a frontier at which the initial heading change is measured, for policies [m]."""
+    """The heading change to a frontier is measured at this distance along its path [m]; an input of policies."""
 
     def costmap(self, robot_radius: float) -> CostmapParams:
         """Return inflation parameters for a footprint radius [m]."""

@@ -123,13 +123,10 @@ class GeodesicDistance:
     """True shortest path length to a goal around static obstacles."""
 
     def __init__(self, area: ExplorableArea, goal: Pose2D, pooled: int = 1) -> None:
-        """Compute the distances of all cells to a goal, world frame; `pooled` x `pooled` raster cells form one cell.
+        """Compute the distances of all cells to a reachable goal, world frame.
 
-        Raises:
-            ValueError: the robot cannot reach the goal.
+        `pooled` x `pooled` raster cells form one cell.
         """
-        if not area.is_traversable(goal):
-            raise ValueError(f"goal {tuple(goal)} (world frame) is not reachable by the robot")
         costmap = _free_space(area, pooled)
         self.grid = costmap.grid
         """Occupancy grid on which the geodesic distance is computed: 0 is free, 100 is occupied."""
