@@ -9,14 +9,13 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
-import yaml
 from gymnasium import spaces
 
 from lidarnaut.agents.policies import Level, level_of, make_policy, needed_arguments
 from lidarnaut.baselines import CLASSIC, EXPLORERS
 from lidarnaut.baselines.policy import GROUND_TRUTH, marked
 from lidarnaut.baselines.policy import Policy as Driver
-from lidarnaut.envs.files import explain_unknown, load_object, resolve
+from lidarnaut.envs.files import explain_unknown, load_object, resolve, split_parameters
 
 Makers = Mapping[str, Callable[[], Any]]
 """Constructors of the classic (not learned) policies for a task, by name."""
@@ -93,7 +92,7 @@ def parse_policy(
             f"parameters only, and must differ from classic policies ({', '.join(classic)})"
         )
     if changes and base in classic:
-        make = partial(make_changed, classic[base], changes)
+        make = partial(make_changed, classic[base], split_parameters(what)[1])
         try:
             return _checked(Policy(label, make), make)
         except (TypeError, ValueError) as error:
@@ -103,8 +102,8 @@ def parse_policy(
     if kind in ("ppo", "learned", "pursuit") and rest:
         from lidarnaut.agents.learned import find_policy, fingerprint
 
-        path, _, changes = rest.partition("?")
-        chosen = {"deterministic": True, **_read_changes(changes)}
+        path, chosen = split_parameters(rest)
+        chosen = {"deterministic": True, **chosen}
         deterministic = chosen.pop("deterministic")
         for unknown in chosen:
             raise ValueError(f"policy {what!r}: unknown parameter {explain_unknown(unknown, ['deterministic'])}")
@@ -121,13 +120,8 @@ def parse_policy(
     return _checked(Policy(label, what), load_object(what))
 
 
-def _read_changes(changes: str) -> dict[str, Any]:
-    words = (change.partition("=") for change in re.split(r",(?=\w+=)", changes) if change)
-    return {name: yaml.safe_load(text) for name, _, text in words}
-
-
-def make_changed(make: Callable[..., Any], changes: str) -> Any:
-    pending = _read_changes(changes)
+def make_changed(make: Callable[..., Any], changes: Mapping[str, Any]) -> Any:
+    pending = dict(changes)
     allowed: list[str] = []
 
     def changed(params: Any) -> Any:

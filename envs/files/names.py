@@ -2,11 +2,14 @@ import difflib
 import importlib
 import inspect
 import os
+import re
 import reprlib
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
+
+import yaml
 
 Entry = TypeVar("Entry")
 SHORT = reprlib.Repr()
@@ -29,6 +32,25 @@ def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None)
     close = difflib.get_close_matches(name, allowed, n=1) or parts[:1]
     hint = f" (did you mean {close[0]!r}?)" if close else ""
     return f"{SHORT.repr(shown or name)}{hint}; allowed are {', '.join(allowed)}"
+
+
+def split_parameters(name: str) -> tuple[str, dict[str, Any]]:
+    """Split `NAME?KEY=VALUE,KEY=VALUE` into the name and its parameters, with values in YAML.
+
+    Raises:
+        ValueError: a parameter is not of the form KEY=VALUE.
+    """
+    base, _, text = name.partition("?")
+    values: dict[str, Any] = {}
+    for word in filter(None, re.split(r",(?=\w+=)", text)):
+        key, sign, value = word.partition("=")
+        if not (sign and key.isidentifier()):
+            raise ValueError(f"{SHORT.repr(name)}: parameters have the form NAME?KEY=VALUE,KEY=VALUE, got {word!r}")
+        try:
+            values[key] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            raise ValueError(f"{SHORT.repr(name)}: value of {key} is not valid: {value!r}") from error
+    return base, values
 
 
 def load_object(name: str) -> Any:

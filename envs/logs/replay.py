@@ -21,7 +21,7 @@ from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Reading
-from lidarnaut.envs.slam import SLAM_NAMES, SLAMS, load_params, make_slam
+from lidarnaut.envs.slam import SLAM_NAMES, base_name, load_params, make_slam, read_params
 
 from .consistency import MAX_CONFLICTS
 from .log import Log, load_log
@@ -40,7 +40,8 @@ class Options:
     log: Annotated[Path, tyro.conf.Positional]
     """Log: arrays (.npz), CARMEN text (.log, .log.gz, .clf), or ROS bag (.bag, .mcap, folder)."""
     slam: str = "tinyslam"
-    """SLAM name (`odometry` maps at odometry poses), `all`, or `module:attribute` of your own SLAM."""
+    """SLAM name (`odometry` maps at odometry poses), also with parameters, such as `hector?preset=sparse,num_levels=3`;
+    `all`; or `module:attribute` of your own SLAM."""
     preset: str = "intel"
     """Parameter preset of the SLAM, or YAML file; `sparse` for scans about one metre apart."""
     change: dict[str, str] = field(default_factory=dict)
@@ -197,15 +198,16 @@ def _median_errors(runs: list[Run]) -> dict[str, np.ndarray]:
 
 
 def _make_slam(name: str, options: Options, log: Log) -> Estimator:
-    if name == TRUTH:
+    base = base_name(name)
+    if base == TRUTH:
         raise ValueError("slam 'truth' requires ground truth, which logs lack; use `odometry` to map at recorded poses")
     further = options.change.keys() - {"resolution"}
-    if name not in SLAMS:
+    if base is None:
         if further:
             raise ValueError(f"{name} has no parameters {', '.join(sorted(further))}")
         return make_slam(name, log.lidar, load_params(options.preset, options.change).resolution)
-    params = SLAMS[name].load(options.preset, options.change)
-    return make_slam(name, log.lidar, params.resolution, params)
+    params = read_params(name, options.preset, options.change)
+    return make_slam(base, log.lidar, params.resolution, params)
 
 
 def cli() -> None:

@@ -1,13 +1,13 @@
 """SLAM algorithms, and mapping at known poses."""
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from lidarnaut.envs.estimation import Belief, Estimator
-from lidarnaut.envs.files import resolve
+from lidarnaut.envs.files import resolve, split_parameters
 from lidarnaut.envs.robots import LidarParams, OdometryNoise
 
 from .gmapping.gmapping import GMapping
@@ -49,6 +49,27 @@ DEFAULT_SLAM = "hector"
 """Default SLAM algorithm: fast, deterministic, and able to share a map between robots."""
 
 
+def read_params(name: str, preset: str | Path | Params = "default", changes: Mapping[str, Any] | None = None) -> Params:
+    """Return the parameters of a SLAM algorithm given as `NAME?preset=PRESET,KEY=VALUE`.
+
+    Args:
+        name: one of `SLAM_NAMES`, optionally with parameters, for example `hector?preset=faithful,num_levels=3`.
+            These take precedence over the other arguments.
+        preset: preset name, YAML file, or parameter object.
+        changes: new values by parameter name.
+
+    Raises:
+        ValueError: the name, the preset, a key or a value is invalid.
+    """
+    base, own = split_parameters(name)
+    preset, load = own.pop("preset", preset), SLAMS[base].load
+    try:
+        params: Params = load(preset, changes)
+        return load(params, own) if own else params
+    except ValueError as error:
+        raise ValueError(f"slam {name!r}: {error}" if "?" in name else error) from error
+
+
 def make_slam(
     name: Any,
     lidar: LidarParams,
@@ -59,28 +80,39 @@ def make_slam(
     """Create a SLAM algorithm, which updates a pose and a map from lidar scans and odometry.
 
     Args:
-        name: one of `SLAM_NAMES`; an `Estimator` object, which is copied; or a callable, or import path
-            `module:attribute`, that returns an `Estimator` from `lidar` and `resolution`.
+        name: one of `SLAM_NAMES`, optionally with parameters as in `tinyslam?preset=robot_vacuum,sigma_xy=0.02`; an
+            `Estimator` object, which is copied; or a callable, or import path `module:attribute`, that returns an
+            `Estimator` from `lidar` and `resolution`.
         lidar: beam geometry.
         resolution: side of a map cell [m]; overrides the preset.
         preset: preset name, YAML file, or parameter object.
         odometry_noise: overrides the preset; None keeps it.
 
     Raises:
-        ValueError: if the name, the preset or the resolution is invalid.
+        ValueError: if the name, the preset, a parameter or the resolution is invalid.
     """
-    if isinstance(name, str) and name in SLAMS:
-        kind: Kind = SLAMS[name]
+    if (base := base_name(name)) is not None:
+        own = split_parameters(name)[1]
+        for key in own.keys() & {"resolution", "odometry_noise"}:
+            source = "map_resolution" if key == "resolution" else "the robot"
+            raise ValueError(f"slam {name!r}: {key} is not a parameter here, it is set by {source}")
         changes: dict[str, Any] = {"resolution": resolution}
         if odometry_noise is not None:
             changes["odometry_noise"] = odometry_noise
-        return kind.make(lidar, kind.load(kind.load(preset), changes))
-    found: Any = resolve(name, dict[str, Any](SLAMS), "SLAM")
+        return SLAMS[base].make(lidar, read_params(name, preset, changes))
+    unknown = name.partition("?")[0] if isinstance(name, str) else name
+    found: Any = resolve(unknown, dict[str, Any](SLAMS), "SLAM")
     if callable(found):
         return found(lidar, resolution)
     if not hasattr(found, "update"):
         raise ValueError(f"slam must be a name, module:attribute, a callable or an Estimator, got {name!r}")
     return copy.deepcopy(found)
+
+
+def base_name(name: Any) -> str | None:
+    """Return the algorithm's name from `NAME?KEY=VALUE`; None if `name` is no SLAM of this package."""
+    base = name.partition("?")[0] if isinstance(name, str) else None
+    return base if base in SLAMS else None
 
 
 __all__ = [
@@ -102,6 +134,8 @@ __all__ = [
     "PoseGraphView",
     "TinySlam",
     "TinySlamParams",
+    "base_name",
     "load_params",
     "make_slam",
+    "read_params",
 ]

@@ -14,7 +14,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.geometry.lines import cell_along
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.slam import DEFAULT_SLAM, make_slam
+from lidarnaut.envs.slam import DEFAULT_SLAM, base_name, make_slam
 from lidarnaut.envs.task import Task
 from lidarnaut.envs.worlds import ExplorableArea, World, explorable_area, world_sampler
 from lidarnaut.envs.worlds.library import WorldSampler, has_no_effects
@@ -117,7 +117,7 @@ class UnknownWorldTask(WorldTask):
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         super().attach(robot, control_period, physics)
-        self.uses_true_motion = isinstance(self.slam, str) and self.slam == "truth"
+        self.uses_true_motion = base_name(self.slam) == "truth"
 
     def make_estimator(self) -> Estimator:
         """Create the SLAM algorithm; ValueError if unknown, or unable to share a map in a team."""

@@ -1,0 +1,1 @@
+"""Experiments of the four documents that this package reproduces."""
