@@ -12,7 +12,15 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from lidarnaut.envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
+from lidarnaut.envs.arguments import (
+    check_positive,
+    choose_robot,
+    clip_hint,
+    is_number,
+    is_pose,
+    read_action,
+    read_options,
+)
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.files import explain_unknown, resolve
@@ -208,6 +216,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
         super().reset(seed=seed)
         self.has_begun = False
+        task.options = {key: options[key] for key in task.reset_options if key in options}
         self.world = task.place(self._next_world(options.get("world")), options.get("start"))
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
@@ -229,8 +238,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
         """Initial pose, covariance and map of each robot."""
         reset_robots(self.robots, rows, readings, self.priors, rngs[1::2])
-        own = {key: options[key] for key in task.reset_options if key in options}
-        usual = task.reset(self.simulator, self.robots, self.np_random, own)
+        usual = task.reset(self.simulator, self.robots, self.np_random, task.options)
         for part in self.parts.values():
             if hasattr(part, "reset"):
                 for robot in self.robots:
@@ -479,6 +487,26 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.check_begun()
         self._set_time_limit(self.time + self.task.set_goal(goal))
         self.plan = None
+
+    def set_initial_pose(self, pose: Sequence[float] | None) -> None:
+        """Restart localization at an estimate of the pose, as ROS's topic `/initialpose` does, and continue the episode.
+
+        `pose`: (x, y, theta), map frame [m, rad], with the default uncertainty of the localizer; None for global
+        localization.
+
+        Raises:
+            ValueError: if no map is known, the localizer is odometry, or the pose is not finite or outside of the map.
+            gymnasium.error.ResetNeeded: if no episode has begun.
+        """
+        self.check_begun()
+        robot = self.robots[0]
+        if self.priors[0].map is None or robot.follows_odometry:
+            raise ValueError(
+                "set_initial_pose needs localization on a known map, such as Navigate with localizer='amcl'"
+            )
+        if pose is not None and not is_pose(pose):
+            raise ValueError(f"pose must be (x, y, theta), all finite, or None, got {pose!r}")
+        robot.set_initial_pose(None if pose is None else Pose2D(*map(float, pose)))
 
     def _next_world(self, wanted: Any) -> World:
         (sampler, before, after, world), self._prepared = self._prepared, (None,) * 4

@@ -3,7 +3,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from lidarnaut.envs.robot import Prior, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.task import ObservationPart
-from lidarnaut.envs.worlds import load_map
+from lidarnaut.envs.worlds import World, load_map
 
 from .goals import GeodesicDistance, GoalTask, known_map, make_localizer
 
@@ -58,8 +58,10 @@ class Navigate(GoalTask):
     The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
     away; other goals are in the map frame, and need no theta if `heading_tolerance` is pi. With `initial_pose="known"`
     the localizer knows the start with standard deviations of 0.1 m and 5 degrees; `"unknown"` means global
-    localization. `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` sets one episode, `set_goal` a
-    new goal without a reset.
+    localization. A pose (x, y, theta), map frame, is given to the localizer as in RViz's 2D Pose Estimate, with the
+    standard deviations of `amcl` (0.5 m and 15 degrees), and may be wrong.
+    `reset(options={"goal": (x, y, theta), "initial_pose": ..., "world": ..., "start": ...})` sets one episode,
+    `set_goal` a new goal and `set_initial_pose` a new pose estimate without a reset.
 
     ## Episode End
     1. Termination: the robot's true pose is within `goal_tolerance` and `heading_tolerance` of the goal.
@@ -81,9 +83,9 @@ class Navigate(GoalTask):
     |---|---|---|
     | `localizer` | `"amcl"` | `"amcl"`, `"odometry"` or `"truth"` |
     | `amcl` | `"default"` | preset of AMCL, or `AmclParams` |
-    | `initial_pose` | `"known"` | whether the localizer knows the start: `"known"` or `"unknown"` |
+    | `initial_pose` | `"known"` | initial pose of the localizer: `"known"`, `"unknown"`, or (x, y, theta), map frame |
     | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` for the map of a perfect exploration |
-    | `map_pose` | `(0, 0, 0)` | pose of the map frame, world frame |
+    | `map_pose` | `(0, 0, 0)` | pose of the map frame, world frame; `"spawn"` for the world's first spawn, where maps of explorations with `start="spawn"` begin |
     | `goal` | `"random"` | see Starting State; `"world"` for the world's goal of the nearest spawn |
     | `min_distance` | `1.0` | minimum distance from the start to a random goal [m] |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
@@ -94,25 +96,25 @@ class Navigate(GoalTask):
     * v0: first version
     """
 
+    reset_options = ("goal", "initial_pose")
     weights = {"progress": 1.0, "time": -0.02, "collision": -0.5, "reached": 10.0}
 
     localizer: str = "amcl"
     amcl: str | AmclParams = "default"
-    initial_pose: Literal["known", "unknown"] = "known"
+    initial_pose: Any = "known"
     map: str | Path | OccupancyGrid | None = None
     map_pose: Any = (0.0, 0.0, 0.0)
     heading_tolerance: float = math.pi
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        if self.initial_pose not in ("known", "unknown"):
-            raise ValueError(f"initial_pose must be 'known' or 'unknown', got {self.initial_pose!r}")
-        if self.initial_pose == "unknown" and self.localizer != "amcl":
-            raise ValueError(f"initial_pose='unknown' needs localizer='amcl', got {self.localizer!r}")
+        self._read_initial_pose(self.initial_pose)
         if not 0 < self.heading_tolerance <= math.pi:
             raise ValueError(f"heading_tolerance must lie in (0, pi], got {self.heading_tolerance!r}")
-        if not is_pose(self.map_pose):
-            raise ValueError(f"map_pose must be (x, y, theta), got {self.map_pose!r}")
-        self.map_pose = Pose2D(*map(float, self.map_pose))
+        self._begins_at_spawn = isinstance(self.map_pose, str) and self.map_pose == "spawn"
+        if not (self._begins_at_spawn or is_pose(self.map_pose)):
+            raise ValueError(f"map_pose must be 'spawn' or (x, y, theta), all finite, got {self.map_pose!r}")
+        if not self._begins_at_spawn:
+            self.map_pose = Pose2D(*map(float, self.map_pose))
         self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
         self.needs_explorable = self._map is None
         self.uses_true_motion = self.localizer == "truth"
@@ -124,10 +126,25 @@ class Navigate(GoalTask):
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         return {"goal": partial(Goal, self), "pose_uncertainty": PoseUncertainty}
 
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
+        if self._begins_at_spawn:
+            self.map_pose = world.spawns[0]
+        return super().choose_starts(world, start, rng)
+
+    def _read_initial_pose(self, given: Any) -> str | Pose2D:
+        is_name = isinstance(given, str) and given in ("known", "unknown")
+        if not (is_name or is_pose(given)):
+            raise ValueError(f"initial_pose must be 'known', 'unknown' or (x, y, theta), all finite, got {given!r}")
+        pose = given if is_name else Pose2D(*map(float, given))
+        if pose != "known" and self.localizer != "amcl":
+            raise ValueError(f"initial_pose={given!r} needs localizer='amcl', got {self.localizer!r}")
+        return pose
+
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         grid = known_map(self.area) if self._map is None else self._map
-        if self.initial_pose == "unknown":
-            return Prior(None, grid)
+        self._given = given = self._read_initial_pose(self.options.get("initial_pose", self.initial_pose))
+        if given != "known":
+            return Prior(given if isinstance(given, Pose2D) else None, grid)
         pose = self.map_pose.between(self.starts[0])
         std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
         prior_pose = Pose2D(*(pose + std * rng.standard_normal(3)))
@@ -143,7 +160,7 @@ class Navigate(GoalTask):
         return self._path_length
 
     def _usual_time(self, length: float) -> float:
-        return super()._usual_time(length) + 60.0 * (self.initial_pose == "unknown")
+        return super()._usual_time(length) + 60.0 * (self._given != "known")
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         self._true_pose = simulator.states[0].pose
