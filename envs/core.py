@@ -26,6 +26,7 @@ from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.files import explain_unknown, resolve
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import PEOPLE
+from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import Observations, Tracks, make_parts
 from lidarnaut.envs.randomization import Randomization, Ranges
@@ -47,6 +48,10 @@ FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "o
 """`LidarEnv` methods that kernels replace in vector environments. Subclasses that override one run in Python."""
 WORLD_SPAWN_KEY = 2**32 - 1
 """Spawn key of the random generator for worlds. `Generator.spawn` never produces this key."""
+
+
+def no_markers() -> None:
+    """Return None: no policy has set `LidarEnv.markers`."""
 
 
 class WholeStep:
@@ -158,6 +163,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.tracks = NO_TRACKS
         """People tracked by the first robot, for rendering, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
         by the user, cleared by `reset`."""
+        self.markers: Callable[[], Markers | None] = no_markers
+        """Function that returns the markers of the policy, for rendering; set by the user, cleared by `reset`."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
         """Callback of recorders, called with None after a reset and with the commanded twists after each control
         period."""
@@ -244,7 +251,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 for robot in self.robots:
                     part.reset(robot)
         self._set_time_limit(usual)
-        self.plans, self.tracks = [None] * num_robots, NO_TRACKS
+        self.plans, self.tracks, self.markers = [None] * num_robots, NO_TRACKS, no_markers
         for name, value in ({**self.final_metrics(), "end_reason": ""} if self._fixed_info else {}).items():
             self._blank[name] = value * math.nan if isinstance(value, float | np.ndarray) else type(value)()
         self.has_begun = True
@@ -489,7 +496,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plan = None
 
     def set_initial_pose(self, pose: Sequence[float] | None) -> None:
-        """Restart localization at an estimate of the pose, as ROS's topic `/initialpose` does, and continue the episode.
+        """Restart localization at a pose estimate, as by ROS's topic `/initialpose`, and continue the episode.
 
         `pose`: (x, y, theta), map frame [m, rad], with the default uncertainty of the localizer; None for global
         localization.

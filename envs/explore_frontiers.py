@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -18,6 +19,7 @@ from lidarnaut.envs.navigation import (
     Candidates,
     FrontierNavigator,
     HomeNavigator,
+    Markers,
     robot_features,
 )
 from lidarnaut.envs.observations import FAR_PIXEL, MapCrop
@@ -166,6 +168,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore = self.explore
         explore.begin(seed=seed, options=options)
         self._begin()
+        explore.markers = partial(getattr, self, "markers")
         self._is_fused = not self.why_not_fused
         self._steps, self._quantities = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
@@ -221,6 +224,11 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def candidates(self) -> Candidates:
         """Frontiers that the policy may choose in the current decision."""
         return self.navigator.candidates
+
+    @property
+    def markers(self) -> Markers:
+        """Frontiers of the current decision and the last chosen frontier, for pictures."""
+        return self.navigator.markers
 
     @property
     def deciding(self) -> Robot:

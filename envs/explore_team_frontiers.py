@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
+from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.team_navigator import UNASSIGNED, TeamNavigator, discount
 from lidarnaut.envs.navigation.team_robot import TeamRobot
 from lidarnaut.envs.observations import Peers
@@ -86,6 +87,10 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     @property
     def deciding(self) -> Robot:
         return self.explore.robots[self.navigator.index if isinstance(self.navigator, TeamRobot) else 0]
+
+    @property
+    def markers(self) -> Markers:
+        return self._team.markers
 
     @property
     def why_not_fused(self) -> str:

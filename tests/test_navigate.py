@@ -241,7 +241,7 @@ def test_a_given_initial_pose_may_be_wrong_and_is_corrected():
 
 @pytest.mark.parametrize("wrong", ["here", (1.0, 2.0), (0.0, math.nan, 0.0), None, 3])
 def test_wrong_initial_poses_are_named(wrong):
-    with pytest.raises(ValueError, match="initial_pose must be 'known', 'unknown' or .*got"):
+    with pytest.raises(ValueError, match=r"initial_pose must be 'known', 'unknown' or .*got"):
         LidarEnv(Navigate, **QUICK, initial_pose=wrong)
     env = LidarEnv(Navigate, **QUICK)
     with pytest.raises(ValueError, match="initial_pose must be"):
@@ -262,7 +262,7 @@ def test_the_pose_estimate_is_set_during_an_episode():
             env.step(np.array(action, dtype=np.float32))
     before, truth = env.belief.pose, env.truths[0].state.pose
     for wrong in ((0.0, 1.0), (0.0, math.inf, 0.0), (99.0, 0.0, 0.0)):
-        with pytest.raises(ValueError, match="must be|outside the map"):
+        with pytest.raises(ValueError, match=r"must be|outside the map"):
             env.set_initial_pose(wrong)
         assert env.belief.pose == before
     env.set_initial_pose((truth.x + 0.4, truth.y, truth.theta + 0.2))

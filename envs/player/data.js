@@ -2,6 +2,7 @@
 
 const UNKNOWN = 0, FREE = 1, OCCUPIED = 2;
 const VISIBLE_ERROR = 0.05; // least distance of estimated and true path that can be seen [m]
+const POINT = 0, CLUSTER = 1, CHOSEN = 2, GLOBAL_TREE = 3, LOCAL_TREE = 4; // kinds of markers
 const TYPES = { float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
 
 /** Decode the page's data into episodes. */
@@ -126,6 +127,22 @@ class Episode {
       found.push({ x: worldX, y: worldY, cost, visible, failures, score, isChosen });
     }
     return found.sort((a, b) => (Number.isNaN(a.score) ? a.cost - b.cost : b.score - a.score));
+  }
+
+  /** Return the policy's markers at a sample: kind and both ends, world frame. */
+  markersAt(i) {
+    const found = [], { markers, marker_spans: spans, about } = this;
+    for (let k = 0; 5 * k < markers.length; k++) {
+      if (i < spans[2 * k] || i >= spans[2 * k + 1]) continue;
+      const [kind, x0, y0, x1, y1] = markers.subarray(5 * k, 5 * k + 5);
+      found.push({ kind, ends: [compose(about.start, x0, y0), compose(about.start, x1, y1)] });
+    }
+    return found;
+  }
+
+  /** Return whether a marker of a kind occurs. */
+  hasMarker(wanted) {
+    return this.markers.some((kind, k) => k % 5 === 0 && kind === wanted);
   }
 
   /** Update `kinds` to a sample; return the changed area [top, left, bottom, right], or null. */

@@ -61,6 +61,30 @@ class MatcherObserver(Protocol):
         ...
 
 
+class MatcherTrace:
+    """Observer that keeps the poses tested for the last scan; pictures show them."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[float, float, float, float]] = []
+
+    @property
+    def tested(self) -> np.ndarray:
+        """Tested poses x, y, heading, and their costs, shape (n, 4), float64, map frame [m, m, rad]."""
+        return np.array(self._rows).reshape(-1, 4)
+
+    def on_matching_start(self, pose: Pose2D) -> None:
+        self._rows.clear()
+
+    def on_scan_test(self, pose: Pose2D, cost: float) -> None:
+        self._rows.append((*pose, cost))
+
+    def on_pose_update(self, pose: Pose2D, cost: float) -> None:
+        pass
+
+    def on_matching_end(self, pose: Pose2D, cost: float) -> None:
+        pass
+
+
 def search_params(params: TinySlamParams) -> SearchParams:
     """Convert TinySLAM parameters to scan-matching parameters in map cells."""
     spread, limits = (params.sigma_xy / params.resolution, params.sigma_theta), (params.max_failed, params.max_tries)
