@@ -147,7 +147,7 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
     if scene.markers is not None:
         for k, edges in enumerate(scene.markers.trees):
             for first, last in view.pixels(start.transform(edges.reshape(-1, 2))).reshape(-1, 2, 2).tolist():
-                pygame.draw.line(surface, style.LOCAL_TREE if k else style.GLOBAL_TREE, first, last, 3)
+                pygame.draw.line(surface, style.LOCAL_TREE if k else style.GLOBAL_TREE, first, last, 4)
         draw_dots(scene.markers.points, 8, style.LOCAL_TREE)
         draw_dots(scene.markers.clusters, 20, style.FRONTIER)
         draw_dots(scene.markers.clusters, 12, style.PAPER)

@@ -160,8 +160,8 @@ class Picture:
         inset = pygame.Rect(self._boxes[1].topleft, (INSET, INSET)).move(8, 8)
         pygame.draw.rect(self._frame, style.PAPER, inset)
         pixels = inset.center + away * (1, -1) * (0.4 * INSET / reach)
-        worst_first = np.array_split(np.argsort(-costs, kind="stable"), len(style.COSTS))
-        for colour, chosen in zip(reversed(style.COSTS), worst_first, strict=True):
+        best_first = np.array_split(np.argsort(costs, kind="stable"), len(style.COSTS))
+        for colour, chosen in reversed(list(zip(style.COSTS, best_first, strict=True))):
             for pixel in pixels[chosen].tolist():
                 pygame.draw.circle(self._frame, colour, pixel, 2.5)
         self._text.write(self._frame, f"{250 * reach:.3g} cm wide", bottomleft=(inset.left + 6, inset.bottom - 3))
