@@ -207,10 +207,8 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
             return np.stack([to_action(twist, inner.robot) for twist in twists])
         action = to_action(policy.act(inner.reading, inner.belief), inner.robot)
         inner.plans[:] = [policy.plan]
-        if len(tracks := getattr(policy, "tracks", getattr(inner.belief, "people", NO_TRACKS))):
-            inner.tracks = people_in(tracks, inner.belief.pose)
-        else:
-            inner.tracks = NO_TRACKS
+        tracks = getattr(policy, "tracks", getattr(inner.belief, "people", NO_TRACKS))
+        inner.tracks = people_in(tracks, inner.belief.pose) if len(tracks) else NO_TRACKS
         return action
 
     return act

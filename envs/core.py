@@ -12,15 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from lidarnaut.envs.arguments import (
-    check_positive,
-    choose_robot,
-    clip_hint,
-    is_number,
-    is_pose,
-    read_action,
-    read_options,
-)
+from lidarnaut.envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.files import explain_unknown, resolve
@@ -48,10 +40,6 @@ FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "o
 """`LidarEnv` methods that kernels replace in vector environments. Subclasses that override one run in Python."""
 WORLD_SPAWN_KEY = 2**32 - 1
 """Spawn key of the random generator for worlds. `Generator.spawn` never produces this key."""
-
-
-def no_markers() -> None:
-    """Return None: no policy has set `LidarEnv.markers`."""
 
 
 class WholeStep:
@@ -163,7 +151,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.tracks = NO_TRACKS
         """People tracked by the first robot, for rendering, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
         by the user, cleared by `reset`."""
-        self.markers: Callable[[], Markers | None] = no_markers
+        self.markers: Callable[[], Markers | None] | None = None
         """Function that returns the markers of the policy, for rendering; set by the user, cleared by `reset`."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
         """Callback of recorders, called with None after a reset and with the commanded twists after each control
@@ -251,7 +239,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 for robot in self.robots:
                     part.reset(robot)
         self._set_time_limit(usual)
-        self.plans, self.tracks, self.markers = [None] * num_robots, NO_TRACKS, no_markers
+        self.plans, self.tracks, self.markers = [None] * num_robots, NO_TRACKS, None
         for name, value in ({**self.final_metrics(), "end_reason": ""} if self._fixed_info else {}).items():
             self._blank[name] = value * math.nan if isinstance(value, float | np.ndarray) else type(value)()
         self.has_begun = True
@@ -495,25 +483,17 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._set_time_limit(self.time + self.task.set_goal(goal))
         self.plan = None
 
-    def set_initial_pose(self, pose: Sequence[float] | None) -> None:
+    def set_initial_pose(self, pose: Sequence[float] | str) -> None:
         """Restart localization at a pose estimate, as by ROS's topic `/initialpose`, and continue the episode.
 
-        `pose`: (x, y, theta), map frame [m, rad], with the default uncertainty of the localizer; None for global
-        localization.
+        `pose`: (x, y, theta), map frame [m, rad]; or `"unknown"` for global localization.
 
         Raises:
-            ValueError: if no map is known, the localizer is odometry, or the pose is not finite or outside of the map.
+            ValueError: if the pose is not finite or outside of the map, or the localizer is not AMCL.
             gymnasium.error.ResetNeeded: if no episode has begun.
         """
         self.check_begun()
-        robot = self.robots[0]
-        if self.priors[0].map is None or robot.follows_odometry:
-            raise ValueError(
-                "set_initial_pose needs localization on a known map, such as Navigate with localizer='amcl'"
-            )
-        if pose is not None and not is_pose(pose):
-            raise ValueError(f"pose must be (x, y, theta), all finite, or None, got {pose!r}")
-        robot.set_initial_pose(None if pose is None else Pose2D(*map(float, pose)))
+        self.task.set_initial_pose(pose)
 
     def _next_world(self, wanted: Any) -> World:
         (sampler, before, after, world), self._prepared = self._prepared, (None,) * 4

@@ -168,7 +168,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore = self.explore
         explore.begin(seed=seed, options=options)
         self._begin()
-        explore.markers = partial(getattr, self, "markers")
         self._is_fused = not self.why_not_fused
         self._steps, self._quantities = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
@@ -226,11 +225,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return self.navigator.candidates
 
     @property
-    def markers(self) -> Markers:
-        """Frontiers of the current decision and the last chosen frontier, for pictures."""
-        return self.navigator.markers
-
-    @property
     def deciding(self) -> Robot:
         """Robot that the current decision is for; teams decide for one robot at a time."""
         return self.explore.robots[0]
@@ -280,6 +274,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _begin(self) -> None:
         self.navigator.begin(self.explore.reading, self.belief)
+        self.explore.markers = partial(Markers.of, [self.navigator])
 
     def _choose(self, index: int) -> None:
         if index >= 0:

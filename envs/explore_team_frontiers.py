@@ -89,10 +89,6 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
         return self.explore.robots[self.navigator.index if isinstance(self.navigator, TeamRobot) else 0]
 
     @property
-    def markers(self) -> Markers:
-        return self._team.markers
-
-    @property
     def why_not_fused(self) -> str:
         return "robots of a team react to each other in every control period"
 
@@ -115,7 +111,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
         explore, numbers = self.explore, range(len(self.explore.robots))
         make = partial(TeamRobot, max_candidates=self._max_candidates, max_time=self._max_time)
         team = [make(explore.robot, explore.control_period, k) for k in numbers]
-        self._team = TeamNavigator(explore.robot, team)
+        self._team, explore.markers = TeamNavigator(explore.robot, team), partial(Markers.of, team)
         self._due = self._update()
         self._turn(self._due.pop(0) if self._due else team[0])
 

@@ -193,7 +193,7 @@ class Robot:
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
-        self._rows, self.index, self._rng = rows, index, rng
+        self._rows, self.index = rows, index
         self.reading, row = reading, self._row
         self.trail = Trail()
         """Path of estimated positions, map frame [m]."""
@@ -216,17 +216,6 @@ class Robot:
         bias = row[at.BIAS : at.BIAS_VARIANCE + 1]
         bias[:] = 0.0, self.params.imu.gyro_bias_std**2
         update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)
-
-    def set_initial_pose(self, pose: Pose2D | None) -> None:
-        """Restart localization on the known map at a pose, map frame; None for global localization.
-
-        Raises:
-            ValueError: if the pose is outside of the map.
-        """
-        before = self.belief
-        belief = self.estimator.reset(self._rng, pose, before.grid)
-        belief.people, belief.on_people = before.people, before.on_people
-        self.follow(belief)
 
     def track_people(self) -> None:
         self.tracker = PeopleTracker(self.params.lidar, self.control_period)

@@ -147,10 +147,7 @@ def test_bad_options_are_named(options, culprit):
         main(physics="kinematic", **options)
 
 
-def test_c_shows_the_poses_that_the_matcher_tests(driver, tmp_path):
-    before = driver.picture
-    driver.tick(1, down=[pygame.K_c])  # mapping with known poses tests none
-    assert (driver.picture[640:, 725:] != before[640:, 725:]).any()
+def test_c_shows_the_poses_that_the_matcher_tests(tmp_path):
     matching = Driver(tmp_path / "learned.yaml", slam="tinyslam")
     inset = (slice(656, 816), slice(116, 276))
     matching.tick(20, down=[pygame.K_c, pygame.K_UP])
@@ -259,6 +256,13 @@ def test_the_known_map_is_saved_and_r_starts_again(navigating, known_map, tmp_pa
     navigating.tick(1, down=[pygame.K_r])
     assert navigating.env.reading.time == pytest.approx(navigating.env.control_period)
     assert not navigating.teleop._navigator.is_driving
+
+
+def test_c_says_that_amcl_tests_no_poses(navigating):
+    before = navigating.picture
+    navigating.tick(1, down=[pygame.K_c])
+    assert (navigating.picture[640:, 740:] != before[640:, 740:]).any()
+    assert (navigating.picture[656:816, 116:276] == before[656:816, 116:276]).all()
 
 
 def test_a_known_map_and_people_by_options(known_map):

@@ -60,7 +60,7 @@ class RuleExplorer:
 
     @property
     def markers(self) -> Markers | None:
-        return self.navigator.markers if self.navigator is not None and self._has_begun else None
+        return Markers.of([self.navigator]) if self._has_begun else None
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self.navigator = FrontierNavigator(

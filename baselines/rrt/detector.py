@@ -134,12 +134,11 @@ class RrtDetector:
             self.trees.append(Tree(robots[0], eta=params.eta_global, spacing=params.spacing, resets=False))
         x0, y0, x1, y1 = crop_to_known(grid).bounds
         low, high = np.array([x0, y0]) - params.margin, np.array([x1, y1]) + params.margin
-        self.found = np.concatenate(
-            [
-                tree.grow(grid, self._rng.uniform(low, high, (params.num_samples, 2)), robot)
-                for tree, robot in zip(self.trees, (*robots, robots[0]), strict=True)
-            ]
-        )
+        found = [
+            tree.grow(grid, self._rng.uniform(low, high, (params.num_samples, 2)), robot)
+            for tree, robot in zip(self.trees, (*robots, robots[0]), strict=True)
+        ]
+        self.found = np.concatenate(found)
         points = mean_shift(np.concatenate([self.points, self.found]), params.bandwidth)
         gains = information_gain(grid, points, 0.5 * params.info_radius)
         self.points = points[gains >= params.min_gain]

@@ -80,11 +80,11 @@ class RrtTeam(TeamExplorer):
 
     @property
     def markers(self) -> Markers | None:
-        detector, markers = self._detector, super().markers
-        if detector is None or markers is None:
+        markers, detector = super().markers, self._detector
+        if markers is None or detector is None:
             return None
-        trees = [tree.edges for tree in detector.trees[::-1]]
-        return Markers(detector.points, markers.chosen, detector.found, trees)
+        trees = [tree.edges for tree in reversed(detector.trees)]
+        return markers._replace(clusters=detector.points, points=detector.found, trees=trees)
 
     @property
     def points(self) -> np.ndarray:

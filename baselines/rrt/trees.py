@@ -112,11 +112,8 @@ class Tree:
 
     @property
     def edges(self) -> np.ndarray:
-        """Edges from parent to child, shape (n - 1, 2, 2), float64, map frame [m].
-
-        The parent of a vertex is the nearest earlier vertex: `steer` moves from the vertex nearest to the sample to the
-        sample, and by the triangle inequality no other vertex is nearer to a point in between.
-        """
+        """Edges from parent to child, shape (n - 1, 2, 2), float64, map frame [m]."""
+        # The vertex nearest to a sample is also nearest to all points on the way to the sample (triangle inequality).
         columns = self.vertices.T.astype(np.float32)
         parents = [nearest(columns, k, *self.vertices[k]) for k in range(1, len(self.vertices))]
         return np.stack([self.vertices[parents], self.vertices[1:]], axis=1)

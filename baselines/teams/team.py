@@ -46,7 +46,7 @@ class TeamExplorer:
 
     @property
     def markers(self) -> Markers | None:
-        return None if self._navigator is None else self._navigator.markers
+        return None if self._navigator is None else Markers.of(self._navigator.team)
 
     @property
     def targets(self) -> list[tuple[float, float] | None]:

@@ -1,9 +1,9 @@
 """Exploration candidates: reachable frontiers, their features, and a scoring rule."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pydantic
@@ -68,11 +68,17 @@ class Markers(NamedTuple):
     clusters: np.ndarray = NO_POINTS
     """Candidate goals, such as frontiers or centers of clusters, shape (n, 2)."""
     chosen: np.ndarray = NO_POINTS
-    """Chosen goals, shape (n, 2): one per robot that drives."""
+    """Last chosen goal of each robot, shape (n, 2)."""
     points: np.ndarray = NO_POINTS
     """Points found in the last control period, before clustering, shape (n, 2)."""
     trees: Sequence[np.ndarray] = ()
     """Edges of each tree, from parent to child, shape (n, 2, 2): the global tree, then local trees."""
+
+    @classmethod
+    def of(cls, navigators: Iterable[Any]) -> "Markers":
+        """Return the candidates and targets of `FrontierNavigator` objects."""
+        clusters = np.concatenate([one.candidates["frontier"] for one in navigators])
+        return cls(clusters, np.array([one.target for one in navigators if one.target]).reshape(-1, 2))
 
 
 HALF_AREA = 10.0

@@ -8,14 +8,7 @@ from scipy.spatial import cKDTree
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation.astar import UNREACHED
-from lidarnaut.envs.navigation.candidates import (
-    CANDIDATE,
-    Candidates,
-    Markers,
-    describe,
-    fill_features,
-    find_candidates,
-)
+from lidarnaut.envs.navigation.candidates import CANDIDATE, Candidates, describe, fill_features, find_candidates
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, Costmap
 from lidarnaut.envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
 from lidarnaut.envs.navigation.navigator import NO_POSITION, Navigator
@@ -95,12 +88,6 @@ class FrontierNavigator:
     @property
     def plan(self) -> np.ndarray | None:
         return self.navigator.plan
-
-    @property
-    def markers(self) -> Markers:
-        """Reachable frontiers and the last chosen frontier, for pictures."""
-        chosen = NO_POINTS if self.target is None else np.array([self.target])
-        return Markers(self.candidates["frontier"], chosen)
 
     @property
     def end_reason(self) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.peers import PeerFilter
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.navigation.candidates import Candidates, Markers
+from lidarnaut.envs.navigation.candidates import Candidates
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.team_robot import TeamRobot, is_beside, outline
 from lidarnaut.envs.robots import RobotParams
@@ -65,12 +65,6 @@ class TeamNavigator:
     def targets(self) -> list[tuple[float, float] | None]:
         """Frontier that each robot drives to (x, y), map frame [m]; None without a frontier."""
         return [robot.driving_to for robot in self.team]
-
-    @property
-    def markers(self) -> Markers:
-        """Reachable frontiers of all robots, and the frontiers that robots drive to, for pictures."""
-        clusters = np.unique(np.concatenate([robot.candidates["frontier"] for robot in self.team]), axis=0)
-        return Markers(clusters, np.array([target for target in self.targets if target]).reshape(-1, 2))
 
     def update(
         self, readings: Sequence[Reading], beliefs: Sequence[Belief], *, is_asked: bool = False

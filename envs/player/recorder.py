@@ -15,21 +15,7 @@ from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.simulation.crowd.person_row import KIND
 
-from .recording import (
-    BODY_KINDS,
-    CANDIDATE_COLUMNS,
-    CHOSEN,
-    CLUSTER,
-    FREE,
-    GLOBAL_TREE,
-    LOCAL_TREE,
-    NO_RETURN,
-    OCCUPIED,
-    POINT,
-    RANGE_STEPS,
-    Recording,
-    ends_of,
-)
+from .recording import BODY_KINDS, CANDIDATE_COLUMNS, FREE, NO_RETURN, OCCUPIED, RANGE_STEPS, Recording, ends_of
 
 PERIOD = 0.5
 """Time between recorded samples of an episode [s]."""
@@ -85,7 +71,7 @@ class EpisodeRecorder:
         self._plans: list[np.ndarray] = []
         self._tracks: list[np.ndarray] = []
         self._map = MapHistory(self._env.belief.grid)
-        self._markers = MarkerHistory()
+        self._markers, self._shown = list[np.ndarray](), set[bytes]()
         self._decisions: list[tuple[float, int, np.ndarray]] = []
         self._candidates = self._offered()
 
@@ -129,8 +115,11 @@ class EpisodeRecorder:
         )
         self._plans.append(np.empty((0, 2)) if env.plan is None else corners(env.plan, PLAN_TOLERANCE))
         self._tracks.append(env.tracks)
-        if self._offered() is None:  # decisions contain the frontiers of a navigator
-            self._markers.append(env.markers())
+        # Decisions contain the frontiers of a navigator.
+        markers = env.markers() if env.markers and self._offered() is None else None
+        before, self._shown = self._shown, {row.tobytes() for row in marker_rows(markers or Markers())}
+        changes = np.frombuffer(b"".join(sorted(before ^ self._shown)), dtype=np.float32).reshape(-1, 5)
+        self._markers.append(np.insert(changes, 0, len(self._markers), axis=1))
         self._map.append(robot.belief.grid)
 
     def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
@@ -177,7 +166,7 @@ class EpisodeRecorder:
             decision_chosen=chosen,
             candidates=np.concatenate([np.empty((0, len(CANDIDATE_COLUMNS))), *rows]),
             candidate_ends=ends_of(rows),
-            **self._markers.arrays(),
+            markers=np.concatenate(self._markers),
             segments=env.world.segments,
             circles=env.world.circles,
             route=getattr(getattr(env.task, "route", None), "points", NO_POINTS),
@@ -186,41 +175,13 @@ class EpisodeRecorder:
         )
 
 
-class MarkerHistory:
-    """History of a policy's markers: each marker once, with the samples that show it."""
-
-    def __init__(self) -> None:
-        self._rows: list[np.ndarray] = []
-        self._spans: list[list[int]] = []
-        self._shown: dict[bytes, int] = {}
-        self._count = 0
-
-    def append(self, markers: Markers | None) -> None:
-        """Add the markers of the next sample; None for none."""
-        now = {row.tobytes(): row for row in marker_rows(markers or Markers())}
-        self._shown = {key: k for key, k in self._shown.items() if key in now}
-        for key, row in now.items():
-            if key not in self._shown:
-                self._shown[key] = len(self._rows)
-                self._rows.append(row)
-                self._spans.append([self._count, self._count])
-            self._spans[self._shown[key]][1] = self._count + 1
-        self._count += 1
-
-    def arrays(self) -> dict[str, Any]:
-        """Return the arrays `markers` and `marker_spans` of a recording."""
-        return {"markers": np.reshape(self._rows, (-1, 5)), "marker_spans": np.reshape(self._spans, (-1, 2))}
-
-
 def marker_rows(markers: Markers) -> np.ndarray:
-    """Return markers as rows of `Recording.markers`, shape (n, 5), float32, rounded to millimetres."""
-    kinds = ((POINT, markers.points), (CLUSTER, markers.clusters), (CHOSEN, markers.chosen))
-    parts = [np.column_stack([np.full(len(one), kind), one, one]) for kind, one in kinds]
-    for k, edges in enumerate(markers.trees):
-        kind = LOCAL_TREE if k else GLOBAL_TREE
-        parts.append(np.column_stack([np.full(len(edges), kind), edges.reshape(-1, 4)]))
-    # Positions in a growing map differ by rounding errors. Zero has no sign here.
-    return (np.concatenate(parts).round(3) + 0.0).astype(np.float32)
+    """Return markers as rows of `Recording.markers` without sample, shape (n, 5), float32, rounded to millimetres."""
+    parts = [np.column_stack([points, points]) for points in markers[:3]]
+    parts += [edges.reshape(-1, 4) for edges in markers.trees]
+    rows = np.concatenate([np.insert(part, 0, min(kind, 4), axis=1) for kind, part in enumerate(parts)])
+    # Positions in a growing map differ by rounding errors, and zeros by their signs.
+    return (rows.round(3) + 0.0).astype(np.float32)
 
 
 class MapHistory:

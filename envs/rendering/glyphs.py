@@ -36,14 +36,6 @@ def draw_dashes(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, wid
     pygame.draw.circle(surface, colour, pixels[-1], 1.5 * width)
 
 
-def draw_arrow(surface: pygame.Surface, start: tuple[int, int], end: tuple[int, int], colour: Colour) -> None:
-    """Draw an arrow between two pixels."""
-    angle = math.atan2(end[1] - start[1], end[0] - start[0])
-    sides = [(end[0] - 16 * math.cos(angle + turn), end[1] - 16 * math.sin(angle + turn)) for turn in (-0.45, 0.45)]
-    pygame.draw.line(surface, colour, start, end, 4)
-    pygame.draw.polygon(surface, colour, [end, *sides])
-
-
 def draw_robot(
     surface: pygame.Surface, view: View, robot: RobotParams, pose: Pose2D, colour: Colour, ghost: bool = False
 ) -> None:

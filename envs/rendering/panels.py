@@ -151,6 +151,8 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
         draw_dots(scene.markers.points, 8, style.LOCAL_TREE)
         draw_dots(scene.markers.clusters, 20, style.FRONTIER)
         draw_dots(scene.markers.clusters, 12, style.PAPER)
+        draw_dots(scene.markers.chosen, 24, style.PAPER)
+        draw_dots(scene.markers.chosen, 18, style.PLAN)
     for one in (scene, *scene.peers):
         if one.plan is not None:
             draw_dashes(surface, view.pixels(start.transform(one.plan)), style.PLAN, 5)
@@ -160,9 +162,6 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
         if not (one.has_known_map and one.belief.is_lost):
             draw_robot(surface, view, one.robot, one.estimated_pose, style.ESTIMATED)
         draw_robot(surface, view, one.robot, one.pose, style.TRUE, ghost=True)
-    if scene.markers is not None:
-        draw_dots(scene.markers.chosen, 24, style.PAPER)
-        draw_dots(scene.markers.chosen, 18, style.PLAN)
 
 
 def _draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:

@@ -20,7 +20,6 @@ GAP = 16
 HEADER = 108
 FOOTER = 40
 INSET = 160
-"""Side of the magnified view of tested poses [px]."""
 TITLES = ("Ground truth", "Map and pose estimate")
 LEGENDS = (
     (
@@ -42,17 +41,17 @@ LEGENDS = (
 """Legend entries of each panel: text, color and kind of symbol."""
 
 
-def _further_legends(scene: Scene) -> list[tuple[tuple[str, style.Colour, str], ...]]:
-    markers, rows = scene.markers, list[tuple[tuple[str, style.Colour, str], ...]]()
-    if markers is not None:
-        trees = ("global tree", style.GLOBAL_TREE, "line"), ("local tree", style.LOCAL_TREE, "line")
-        chosen = ("candidate", style.FRONTIER, "ring"), ("chosen", style.PLAN, "disc")
-        rows.append((*trees, *chosen) if markers.trees else chosen)
-    if scene.pose_graph is not None:
-        rows.append((("node", style.NODE, "disc"), ("loop closure", style.LOOP, "line")))
-    if scene.tested is not None:
-        rows.append((("best", style.COSTS[0], "disc"), ("worst tested pose", style.COSTS[-1], "disc")))
-    return rows
+FURTHER_LEGENDS = {
+    "markers": (
+        ("candidate", style.FRONTIER, "ring"),
+        ("chosen", style.PLAN, "disc"),
+        ("global tree", style.GLOBAL_TREE, "line"),
+        ("local tree", style.LOCAL_TREE, "line"),
+    ),
+    "pose_graph": (("node", style.NODE, "disc"), ("loop closure", style.LOOP, "line")),
+    "tested": (("best tested pose", style.COSTS[0], "disc"), ("worst", style.COSTS[-1], "disc")),
+}
+"""Legend entries of the map panel by the attribute of scenes that has them."""
 
 
 class Typesetter:
@@ -72,10 +71,6 @@ class Typesetter:
         font, colour = self._fonts[kind]
         rendered = font.render(text, True, colour)
         return surface.blit(rendered, rendered.get_rect(**anchor))
-
-    def width(self, text: str, kind: str = "label") -> int:
-        """Return the width of a text [px]."""
-        return self._fonts[kind][0].size(text)[0]
 
     def legend(self, surface: pygame.Surface, box: pygame.Rect, items: Iterable[tuple[str, style.Colour, str]]) -> None:
         x, y = box.left, box.bottom + FOOTER // 2
@@ -111,23 +106,15 @@ class Picture:
         if scene.world.map is not None:
             beside = pygame.Rect(self._boxes[0].left + 366, 0, 0, self._boxes[0].bottom)
             self._text.legend(self._frame, beside, (("left out", style.LEFT_OUT, "box"),))
-        box = self._boxes[1]
-        for k, items in enumerate(_further_legends(scene)):
-            left = box.right + 14 - sum(36 + self._text.width(text) for text, *_ in items)
-            self._text.legend(self._frame, pygame.Rect(left, 0, 0, box.top - 16 - 16 * k - FOOTER // 2), items)
+        left, top = self._boxes[1].left + 200, self._boxes[1].top - FOOTER // 2
+        for name in (name for name in FURTHER_LEGENDS if getattr(scene, name) is not None):
+            top -= 16
+            self._text.legend(self._frame, pygame.Rect(left, 0, 0, top), FURTHER_LEGENDS[name])
         if scene.tested is not None and len(scene.tested):
             self._draw_tested(scene.start.transform(scene.tested[:, :2]), scene.tested[:, 3])
         self._draw_scale(view.scale / SUPERSAMPLING)
         self._draw_header(scene)
         return self._frame
-
-    def point_at(self, world: World, pixel: tuple[int, int]) -> tuple[float, float] | None:
-        """Return the point (x, y) under a pixel of the map panel, world frame [m]; None outside of the panel."""
-        box = self._boxes[1]
-        if not box.collidepoint(pixel):
-            return None
-        x, y = View(shown_bounds(world), box.size).points(np.subtract(pixel, box.topleft))[0].tolist()
-        return x, y
 
     def _draw_header(self, scene: Scene) -> None:
         frame, text, middle, right = self._frame, self._text, self._boxes[1].left, self._boxes[1].right
@@ -154,15 +141,20 @@ class Picture:
         if share > 0:
             pygame.draw.rect(frame, style.TRUE, (*bar.topleft, round(bar.width * share), bar.height), border_radius=5)
 
+    def point_at(self, world: World, pixel: tuple[int, int]) -> np.ndarray:
+        """Return the point at a pixel of the map panel, shape (2,), float64, world frame [m]."""
+        box = self._boxes[1]
+        return View(shown_bounds(world), box.size).points(np.subtract(pixel, box.topleft))[0]
+
     def _draw_tested(self, points: np.ndarray, costs: np.ndarray) -> None:
         away = points - points[costs.argmin()]
         reach = max(float(np.abs(away).max()), 1e-3)
         inset = pygame.Rect(self._boxes[1].topleft, (INSET, INSET)).move(8, 8)
         pygame.draw.rect(self._frame, style.PAPER, inset)
         pixels = inset.center + away * (1, -1) * (0.4 * INSET / reach)
-        best_first = np.array_split(np.argsort(costs, kind="stable"), len(style.COSTS))
-        for colour, chosen in reversed(list(zip(style.COSTS, best_first, strict=True))):
-            for pixel in pixels[chosen].tolist():
+        best_first = np.array_split(pixels[np.argsort(costs, kind="stable")], len(style.COSTS))
+        for colour, some in reversed(list(zip(style.COSTS, best_first, strict=True))):
+            for pixel in some.tolist():
                 pygame.draw.circle(self._frame, colour, pixel, 2.5)
         self._text.write(self._frame, f"{250 * reach:.3g} cm wide", bottomleft=(inset.left + 6, inset.bottom - 3))
 

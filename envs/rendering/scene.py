@@ -99,6 +99,6 @@ def scene_of(env: Any, k: int) -> Scene:
         particles=getattr(estimator, "particles", None),
         has_known_map=env.priors[k].map is not None,
         pose_graph=pose_graph if isinstance(pose_graph, PoseGraphView) else None,
-        markers=env.markers() if k == 0 else None,
-        tested=next((one.tested for one in observers if isinstance(one, MatcherTrace)), None),
+        markers=env.markers() if k == 0 and env.markers else None,
+        tested=next((np.reshape(one.tested, (-1, 4)) for one in observers if isinstance(one, MatcherTrace)), None),
     )

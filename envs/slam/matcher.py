@@ -65,24 +65,18 @@ class MatcherTrace:
     """Observer that keeps the poses tested for the last scan; pictures show them."""
 
     def __init__(self) -> None:
-        self._rows: list[tuple[float, float, float, float]] = []
-
-    @property
-    def tested(self) -> np.ndarray:
-        """Tested poses x, y, heading, and their costs, shape (n, 4), float64, map frame [m, m, rad]."""
-        return np.array(self._rows).reshape(-1, 4)
+        self.tested: list[tuple[float, float, float, float]] = []
+        """Poses x, y, heading, map frame [m, m, rad], and their costs."""
 
     def on_matching_start(self, pose: Pose2D) -> None:
-        self._rows.clear()
+        self.tested.clear()
 
     def on_scan_test(self, pose: Pose2D, cost: float) -> None:
-        self._rows.append((*pose, cost))
+        self.tested.append((*pose, cost))
 
-    def on_pose_update(self, pose: Pose2D, cost: float) -> None:
-        pass
+    def on_pose_update(self, pose: Pose2D, cost: float) -> None: ...
 
-    def on_matching_end(self, pose: Pose2D, cost: float) -> None:
-        pass
+    on_matching_end = on_pose_update
 
 
 def search_params(params: TinySlamParams) -> SearchParams:

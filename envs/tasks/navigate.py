@@ -3,7 +3,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from lidarnaut.envs.arguments import is_pose
 from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
-from lidarnaut.envs.localization import AmclParams
+from lidarnaut.envs.localization import Amcl, AmclParams
 from lidarnaut.envs.observations import Goal, PoseUncertainty
 from lidarnaut.envs.robot import Prior, Robot
 from lidarnaut.envs.robots import RobotParams
@@ -107,14 +107,12 @@ class Navigate(GoalTask):
     heading_tolerance: float = math.pi
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        self._read_initial_pose(self.initial_pose)
+        self._read_initial_pose(self.initial_pose, "known", "unknown")
         if not 0 < self.heading_tolerance <= math.pi:
             raise ValueError(f"heading_tolerance must lie in (0, pi], got {self.heading_tolerance!r}")
-        self._begins_at_spawn = isinstance(self.map_pose, str) and self.map_pose == "spawn"
-        if not (self._begins_at_spawn or is_pose(self.map_pose)):
-            raise ValueError(f"map_pose must be 'spawn' or (x, y, theta), all finite, got {self.map_pose!r}")
-        if not self._begins_at_spawn:
-            self.map_pose = Pose2D(*map(float, self.map_pose))
+        self._frame = frame = self.map_pose
+        if not (is_pose(frame) or (isinstance(frame, str) and frame == "spawn")):
+            raise ValueError(f"map_pose must be 'spawn' or (x, y, theta), all finite, got {frame!r}")
         self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
         self.needs_explorable = self._map is None
         self.uses_true_motion = self.localizer == "truth"
@@ -127,24 +125,28 @@ class Navigate(GoalTask):
         return {"goal": partial(Goal, self), "pose_uncertainty": PoseUncertainty}
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        if self._begins_at_spawn:
-            self.map_pose = world.spawns[0]
+        self.map_pose = world.spawns[0] if isinstance(self._frame, str) else Pose2D(*map(float, self._frame))
         return super().choose_starts(world, start, rng)
 
-    def _read_initial_pose(self, given: Any) -> str | Pose2D:
-        is_name = isinstance(given, str) and given in ("known", "unknown")
-        if not (is_name or is_pose(given)):
-            raise ValueError(f"initial_pose must be 'known', 'unknown' or (x, y, theta), all finite, got {given!r}")
-        pose = given if is_name else Pose2D(*map(float, given))
+    def _read_initial_pose(self, given: Any, *names: str) -> Any:
+        pose: Any = Pose2D(*map(float, given)) if is_pose(given) else given
+        if not (isinstance(pose, Pose2D) or (isinstance(pose, str) and pose in names)):
+            raise ValueError(f"initial_pose must be {', '.join(map(repr, names))} or (x, y, theta), got {given!r}")
         if pose != "known" and self.localizer != "amcl":
             raise ValueError(f"initial_pose={given!r} needs localizer='amcl', got {self.localizer!r}")
-        return pose
+        return None if pose == "unknown" else pose
+
+    def set_initial_pose(self, pose: Any) -> None:
+        """Restart localization; see `LidarEnv.set_initial_pose`."""
+        robot, given, amcl = self._one, self._read_initial_pose(pose, "unknown"), cast(Amcl, self._one.estimator)
+        robot.follow(amcl.reset(amcl.rng, given, robot.belief.grid))
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         grid = known_map(self.area) if self._map is None else self._map
-        self._given = given = self._read_initial_pose(self.options.get("initial_pose", self.initial_pose))
-        if given != "known":
-            return Prior(given if isinstance(given, Pose2D) else None, grid)
+        given = self.options.get("initial_pose", self.initial_pose)
+        self._given_pose = self._read_initial_pose(given, "known", "unknown")
+        if self._given_pose != "known":
+            return Prior(self._given_pose, grid)
         pose = self.map_pose.between(self.starts[0])
         std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
         prior_pose = Pose2D(*(pose + std * rng.standard_normal(3)))
@@ -160,7 +162,7 @@ class Navigate(GoalTask):
         return self._path_length
 
     def _usual_time(self, length: float) -> float:
-        return super()._usual_time(length) + 60.0 * (self._given != "known")
+        return super()._usual_time(length) + 60.0 * (self._given_pose != "known")
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         self._true_pose = simulator.states[0].pose

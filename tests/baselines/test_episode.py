@@ -261,5 +261,4 @@ def test_markers_of_policies_are_shown(id, name, num_trees):
     assert scene.markers.clusters.tolist() == markers.clusters.tolist()
     assert all(peer.markers is None for peer in scene.peers)
     env.reset(seed=1)
-    after = inner.markers()
-    assert (after is None) == (id in ("Explore-v0", "ExploreTeam-v0")), "of this episode only"
+    assert (inner.markers is None) == (id in ("Explore-v0", "ExploreTeam-v0")), "of this episode only"

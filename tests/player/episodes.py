@@ -1,16 +1,6 @@
 import numpy as np
 
-from lidarnaut.envs.player.recording import (
-    CANDIDATE_COLUMNS,
-    CHOSEN,
-    CLUSTER,
-    FREE,
-    GLOBAL_TREE,
-    LOCAL_TREE,
-    OCCUPIED,
-    POINT,
-    Recording,
-)
+from lidarnaut.envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, Recording
 
 
 def synthetic(
@@ -27,7 +17,7 @@ def synthetic(
     """Return an episode in a hall of `size` [m] with a map that grows by columns; one sample per 0.5 s.
 
     `flicker` cells in the last three metres change with every sample, and every fourth second is a decision.
-    `has_trees`: with two random trees, a found point and two goals, all the time.
+    `has_trees`: with two random trees, a found point and two goals; one tree vanishes after 40 s.
     `is_bare`: with a person and another robot, without map, candidates, plan and pose error.
     """
     rng = np.random.default_rng(seed)
@@ -96,13 +86,13 @@ def synthetic(
         candidates=candidates,
         candidate_ends=(num_candidates * np.arange(1, len(decisions) + 1)),
         markers=[
-            (GLOBAL_TREE, 1.0, 1.0, 4.0, 6.5),
-            (LOCAL_TREE, 1.0, 1.0, 1.0, 7.0),
-            (POINT, 2.0, 6.0, 2.0, 6.0),
-            (CLUSTER, 1.5, 5.0, 1.5, 5.0),
-            (CHOSEN, 2.5, 2.0, 2.5, 2.0),
-        ][: 5 * has_trees],
-        marker_spans=[(0, n)] * (5 * has_trees),
+            (0, 0, 1.5, 5.0, 1.5, 5.0),
+            (0, 1, 2.5, 2.0, 2.5, 2.0),
+            (0, 2, 2.0, 6.0, 2.0, 6.0),
+            (0, 3, 1.0, 1.0, 4.0, 6.5),
+            (0, 4, 1.0, 1.0, 1.0, 7.0),
+            (80, 4, 1.0, 1.0, 1.0, 7.0),
+        ][: 6 * has_trees],
         segments=[(0, 0, width, 0), (width, 0, width, height), (width, height, 0, height), (0, height, 0, 0)],
         circles=[(width / 2, 1.0, 0.3)],
         route=[(1.0, 1.0), (width - 1.0, 1.0)][: 2 * has_goal],

@@ -1,4 +1,3 @@
-import dataclasses
 import io
 import zipfile
 
@@ -14,7 +13,7 @@ from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import Markers, crop_to_known
 from lidarnaut.envs.player import EpisodeRecorder, Recording, build_page
 from lidarnaut.envs.player.recorder import PLAN_TOLERANCE, MapHistory, corners, marker_rows
-from lidarnaut.envs.player.recording import BODY_KINDS, CHOSEN, CLUSTER, GLOBAL_TREE, LOCAL_TREE, POINT
+from lidarnaut.envs.player.recording import BODY_KINDS
 from lidarnaut.envs.simulation.crowd.person_row import ATTENTIVE, BLIND, FIXED_ROUTE, KIND, STANDING
 from tests.player.episodes import synthetic
 
@@ -102,15 +101,19 @@ def test_trees_and_points_are_recorded_once_with_the_samples_that_show_them():
         run_episode(env, explorer, 0, watch)
     recording = recorder.recording()
     assert len(shown) == len(recording.time) == 17
-    first, end = recording.marker_spans.T
+    replayed = set()
     for sample, rows in enumerate(shown):
-        recorded = recording.markers[(first <= sample) & (sample < end)]
-        assert {tuple(row) for row in recorded.tolist()} == {tuple(row) for row in rows.tolist()}
-    kinds = recording.markers[:, 0]
-    assert set(kinds) == {POINT, CLUSTER, CHOSEN, GLOBAL_TREE, LOCAL_TREE}
+        replayed ^= set(map(tuple, recording.markers[recording.markers[:, 0] == sample, 1:].tolist()))
+        assert replayed == set(map(tuple, rows.tolist()))
+    cluster, chosen, _, global_tree, local_tree = range(5)
+    counts = {kind: (recording.markers[:, 1] == kind).sum() for kind in range(5)}
+    assert len(recording.markers) == sum(counts.values())
+    assert min(counts.values()) > 0
     # The global tree only grows; local trees begin anew.
-    assert (end[kinds == GLOBAL_TREE] == 17).all()
-    assert (end[kinds == LOCAL_TREE] < 17).any()
+    assert counts[global_tree] == (shown[-1][:, 0] == global_tree).sum() > 50
+    assert counts[local_tree] > (shown[-1][:, 0] == local_tree).sum()
+    np.testing.assert_allclose(shown[-1][shown[-1][:, 0] == cluster, 1:3], explorer.points, atol=6e-4)
+    np.testing.assert_allclose(shown[-1][shown[-1][:, 0] == chosen, 1:3], explorer.markers.chosen, atol=6e-4)
     assert len(recording.decision_times) == 0
     assert "<title>" in build_page([recording])
 
@@ -123,9 +126,9 @@ def test_explorers_with_recorded_decisions_have_no_markers():
 
 def test_recordings_without_markers_are_read(tmp_path):
     with np.load(io.BytesIO(synthetic(5.0, has_trees=True).to_bytes())) as archive:
-        arrays = {name: archive[name] for name in archive.files if not name.startswith("marker")}
+        arrays = {name: archive[name] for name in archive.files if name != "markers"}
     np.savez(tmp_path / "older.npz", **arrays)
-    assert Recording.load(tmp_path / "older.npz").markers.shape == (0, 5)
+    assert Recording.load(tmp_path / "older.npz").markers.shape == (0, 6)
 
 
 def test_decisions_of_the_decision_level_are_recorded_too():
@@ -249,13 +252,6 @@ def changed(name, change):
     return content.getvalue()
 
 
-def with_spans(spans):
-    recording = dataclasses.replace(
-        synthetic(5.0), markers=np.zeros((1, 5), np.float32), marker_spans=np.array([spans], np.int32)
-    )
-    return recording.to_bytes()
-
-
 @pytest.mark.parametrize(
     ("content", "says"),
     [
@@ -265,10 +261,11 @@ def with_spans(spans):
         (changed("scans", lambda scans: None), "lacks scans"),
         (changed("time", lambda time: time[:-1]), "not (10"),
         (changed("plan_ends", lambda ends: ends + 1), "plan_ends do not match plans"),
-        (changed("markers", lambda markers: np.zeros((1, 5), np.float32)), "marker_spans has shape (0, 2)"),
+        (changed("markers", lambda markers: np.zeros((1, 5), np.float32)), "markers has shape (1, 5)"),
+        (changed("markers", lambda markers: np.eye(2, 6, dtype=np.float32)), "markers are not sorted by sample"),
+        (changed("markers", lambda markers: np.full((1, 6), np.nan, np.float32)), "markers are not sorted by sample"),
         (changed("poses", lambda poses: poses.astype(float)), "poses is float64"),
         (changed("map_cells", lambda cells: cells + 10**6), "outside of the map"),
-        *((with_spans(spans), "marker_spans do not match time") for spans in ((-1, 3), (3, 3), (5, 12))),
         (changed("about", lambda _: np.frombuffer(b'{"format": 7}', np.uint8)), "format 7"),
     ],
 )
