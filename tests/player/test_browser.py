@@ -113,7 +113,7 @@ def test_trees_and_goals_without_scores_are_drawn(tmp_path):
     for name in ("global", "local"):
         assert belief.get(name, 0) > 50, name
         assert truth.get(name, 0) == 0, name
-    assert report["isMapRestored"]  # from the end, where a tree has vanished
+    assert report["isMapRestored"]  # after a visit to the end, when one tree has vanished
 
 
 def test_an_hour_opens_within_two_seconds_of_processor_time(tmp_path):
