@@ -191,12 +191,14 @@ def main(
     """
     shared: dict[str, Any] = {"world": world, "robot": robot, "physics": physics, "start": "spawn", "people": people}
     shared |= {"control_hz": control_hz, "time_limit": math.inf}
+    if (map_pose if map is None else slam) is not None:
+        raise ValueError(
+            "--map localizes on a known map and excludes --slam, which builds a map; --map-pose needs --map"
+        )
     if map is None:
         env = LidarEnv(Explore, slam=slam or DEFAULT_SLAM, **shared)
-    elif slam is None:
-        env = LidarEnv(Navigate, map=map, map_pose=map_pose or "spawn", amcl="slam_map", **shared)
     else:
-        raise ValueError(f"--map localizes on a known map, and --slam {slam} builds a map: choose one")
+        env = LidarEnv(Navigate, map=map, map_pose=map_pose or "spawn", amcl="slam_map", **shared)
     map_paths(save)
     if not save.resolve().parent.is_dir():
         raise FileNotFoundError(f"folder {save.resolve().parent} for maps does not exist")

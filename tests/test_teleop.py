@@ -138,7 +138,8 @@ def test_q_and_closing_the_window_quit(event, slam):
         ({"save": Path("/no/such/folder/map.yaml")}, "/no/such/folder"),
         ({"save": Path("map.jpg")}, "saved as .yaml, .pgm or .png, got map.jpg"),
         ({"map": Path("/no/such/map.yaml")}, "/no/such/map.yaml"),
-        ({"map": Path("map.yaml"), "slam": "graph"}, "--map localizes on a known map, and --slam graph builds a map"),
+        ({"map": Path("map.yaml"), "slam": "graph"}, "excludes --slam"),
+        ({"map_pose": (0.0, 0.0, 0.0)}, "--map-pose needs --map"),
         ({"seed": -1}, "-1"),
     ],
 )

@@ -39,8 +39,6 @@ LEGENDS = (
     ),
 )
 """Legend entries of each panel: text, color and kind of symbol."""
-
-
 FURTHER_LEGENDS = {
     "markers": (
         ("candidate", style.FRONTIER, "ring"),
