@@ -58,7 +58,8 @@ class Hector(KeyScanSlam):
         belief.covariance = belief.covariance.copy()
         over = (self.map.geometry, self.map.levels, self.map.corner)
         poses = (tuple(last), tuple(predicted))
-        match: Match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
+        matcher = self._matcher.in_contact(self.slip)
+        match: Match = match_to_levels(ranges, *over, *poses, matcher, belief.covariance, self._points)
         return match
 
     def _update_lost(self, ranges: np.ndarray, predicted: Pose2D, pose: Pose2D, fits: bool | None) -> Pose2D | None:

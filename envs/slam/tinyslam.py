@@ -10,8 +10,10 @@ from lidarnaut.envs.robots import LidarParams
 from .grid_map import FULL_OCCUPANCY, GridMap
 from .key_scans import KeyScanSlam
 from .matcher import MatcherObserver, SearchParams, match_scan, notify, search_params
+from .matching.correlative import CorrelativeWindow, search_window
 from .matching.covariance import NoiseRecord, motion_stds
 from .matching.gauss_newton import known_score_at
+from .matching.scan_matcher import WINDOW_STDS
 from .relocalization import LocalizationMonitor
 from .scans import project_hits
 from .slam_params import TinySlamParams
@@ -91,20 +93,38 @@ class TinySlam(KnownPoses):
         return Pose2D(x, y, wrap_angle(pose.theta + motion.theta))
 
     def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
+        start = predicted
+        if search is None:
+            search, stds = self._weighted_search(predicted)
+            if self.slip > self.params.resolution:
+                start = self._search_window(ranges, predicted, *stds)
         self.rng.standard_normal(out=self._noise)
-        over = (self.map.geometry, self.map.words, self.map.corner, tuple(predicted))
-        work = (search or self._weighted_search(predicted), self._noise, self._points, self._trace)
+        over = (self.map.geometry, self.map.words, self.map.corner, tuple(start))
+        work = (search, self._noise, self._points, self._trace)
         pose, num_tried, is_better, num_hits = match_scan(ranges, *over, *work)
         if self.observers:
-            notify(self.observers, self.map, predicted, self._trace[: num_tried + 1], num_hits)
-        return Pose2D(*pose) if is_better else predicted
+            notify(self.observers, self.map, start, self._trace[: num_tried + 1], num_hits)
+        return Pose2D(*pose) if is_better else start
 
-    def _weighted_search(self, predicted: Pose2D) -> SearchParams:
-        params, last = self.params, self._last_matched_pose()
-        if params.prior_weight == 0.0 or last is None:
-            return self._search
+    def _weighted_search(self, predicted: Pose2D) -> tuple[SearchParams, tuple[float, float]]:
+        params, search, last = self.params, self._search, self._last_matched_pose() or predicted
+        if params.prior_weight == 0.0 and self.slip == 0.0:
+            return search, (0.0, 0.0)
         travelled = distance(predicted.x - last.x, predicted.y - last.y)
-        stds = motion_stds(NoiseRecord.of(params.odometry_noise), travelled, wrap_angle(predicted.theta - last.theta))
+        noise = NoiseRecord.of(params.odometry_noise).in_contact(self.slip)
+        stds = motion_stds(noise, travelled, wrap_angle(predicted.theta - last.theta))
+        if self.slip > 0.0:
+            spread = search.sigma_xy + min(self.slip / params.resolution, 0.5), search.sigma_theta + stds[1]
+            search = search._replace(sigma_xy=spread[0], sigma_theta=spread[1])
         weight = params.prior_weight * FULL_OCCUPANCY
         position_penalty = weight * (params.resolution / stds[0]) ** 2
-        return self._search._replace(position_penalty=position_penalty, heading_penalty=weight / stds[1] ** 2)
+        return search._replace(position_penalty=position_penalty, heading_penalty=weight / stds[1] ** 2), stds
+
+    def _search_window(self, ranges: np.ndarray, predicted: Pose2D, position_std: float, heading_std: float) -> Pose2D:
+        count, side = project_hits(ranges, self.map.geometry, self._points), self.params.resolution
+        stds = position_std / side, heading_std
+        window = CorrelativeWindow(WINDOW_STDS * stds[0], WINDOW_STDS * stds[1], *stds, 50)
+        start = *self.map.to_cells(predicted.x, predicted.y), predicted.theta
+        found = search_window(self.map.grid.data, 1.0, self._points, count, start, window)
+        x, y = self.map.to_metres(found[0], found[1])
+        return Pose2D(x, y, wrap_angle(found[2]))

@@ -135,12 +135,12 @@ class GMapping(KeyScanSlam):
         return Pose2D(*best.tolist()), 1.0 if fallback_pose is None else None
 
     def _propose(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        params, resolution = self.params, self.params.resolution
+        params, resolution, matcher = self.params, self.params.resolution, self._matcher.in_contact(self.slip)
         travelled = distance(motion.x, motion.y)
-        stds = motion_stds(self._matcher.odometry_noise, travelled, motion.theta)
+        stds = motion_stds(matcher.odometry_noise, travelled, motion.theta)
         num_points = project_hits(ranges, self.map.geometry, self._points)
         start = motion
-        is_far = travelled > self._matcher.search_distance or abs(motion.theta) > self._matcher.search_angle
+        is_far = travelled > matcher.search_distance or abs(motion.theta) > matcher.search_angle
         if num_points and is_far:
             in_cells = (stds[0] / resolution, stds[1])
             window = CorrelativeWindow(WINDOW_STDS * in_cells[0], WINDOW_STDS * in_cells[1], *in_cells, 50)
