@@ -11,6 +11,7 @@ from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 
 from .log_odds_map import LOG_ODDS_UNIT, LogOddsMap
+from .matcher import MatcherObserver
 from .posegraph import GrowingArray
 from .scans import ScanGeometry, check_scan, project_hits
 
@@ -94,6 +95,8 @@ class KeyScanSlam(ABC):
     """Whether the robot tracks people; log-odds of map cells are then limited to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
     """Beams to exclude from the next scan matching but not from mapping, shape (num_beams,), bool; None for none."""
+    observers: tuple[MatcherObserver, ...] = ()
+    """Observers of the poses tested in scan matching."""
     slip = 0.0
     """Distance by odometry [m] while the bumper was pressed, since the last processed scan; wheels slip in contact."""
     shares_maps = True

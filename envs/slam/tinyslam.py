@@ -30,6 +30,7 @@ class KnownPoses(KeyScanSlam):
     """Mapping without scan matching: scans are inserted at odometry or ground-truth poses."""
 
     params: TinySlamParams
+    map: GridMap
 
     def _make_map(self) -> GridMap:
         return GridMap(self.params, self._lidar)
@@ -95,36 +96,36 @@ class TinySlam(KnownPoses):
     def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
         start = predicted
         if search is None:
-            search, stds = self._weighted_search(predicted)
+            search = self._weighted_search(predicted)
             if self.slip > self.params.resolution:
-                start = self._search_window(ranges, predicted, *stds)
+                start = self._search_window(ranges, predicted)
+            if self.slip > 0.0:
+                search = search._replace(sigma_xy=max(search.sigma_xy, 0.5))
         self.rng.standard_normal(out=self._noise)
         over = (self.map.geometry, self.map.words, self.map.corner, tuple(start))
         work = (search, self._noise, self._points, self._trace)
         pose, num_tried, is_better, num_hits = match_scan(ranges, *over, *work)
         if self.observers:
-            notify(self.observers, self.map, start, self._trace[: num_tried + 1], num_hits)
+            rows, to_metres = self._trace[: num_tried + 1].tolist(), self.map.to_metres
+            poses = [start, *(Pose2D(*to_metres(x, y), wrap_angle(theta)) for x, y, theta, _, _ in rows[1:])]
+            costs = [num_hits - row[3] / FULL_OCCUPANCY for row in rows]
+            notify(self.observers, start, list(zip(poses, costs)))
         return Pose2D(*pose) if is_better else start
 
-    def _weighted_search(self, predicted: Pose2D) -> tuple[SearchParams, tuple[float, float]]:
-        params, search, last = self.params, self._search, self._last_matched_pose() or predicted
-        if params.prior_weight == 0.0 and self.slip == 0.0:
-            return search, (0.0, 0.0)
+    def _search_window(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
+        count, std = project_hits(ranges, self.map.geometry, self._points), self.slip / self.params.resolution
+        start = *self.map.to_cells(predicted.x, predicted.y), predicted.theta
+        window = CorrelativeWindow(WINDOW_STDS * std, 0.0, std, 1.0, 50)
+        x, y, theta = search_window(self.map.grid.data, 1.0, self._points, count, start, window)
+        return Pose2D(*self.map.to_metres(x, y), wrap_angle(theta))
+
+    def _weighted_search(self, predicted: Pose2D) -> SearchParams:
+        params, last = self.params, self._last_matched_pose()
+        if params.prior_weight == 0.0 or last is None:
+            return self._search
         travelled = distance(predicted.x - last.x, predicted.y - last.y)
         noise = NoiseRecord.of(params.odometry_noise).in_contact(self.slip)
         stds = motion_stds(noise, travelled, wrap_angle(predicted.theta - last.theta))
-        if self.slip > 0.0:
-            spread = search.sigma_xy + min(self.slip / params.resolution, 0.5), search.sigma_theta + stds[1]
-            search = search._replace(sigma_xy=spread[0], sigma_theta=spread[1])
         weight = params.prior_weight * FULL_OCCUPANCY
         position_penalty = weight * (params.resolution / stds[0]) ** 2
-        return search._replace(position_penalty=position_penalty, heading_penalty=weight / stds[1] ** 2), stds
-
-    def _search_window(self, ranges: np.ndarray, predicted: Pose2D, position_std: float, heading_std: float) -> Pose2D:
-        count, side = project_hits(ranges, self.map.geometry, self._points), self.params.resolution
-        stds = position_std / side, heading_std
-        window = CorrelativeWindow(WINDOW_STDS * stds[0], WINDOW_STDS * stds[1], *stds, 50)
-        start = *self.map.to_cells(predicted.x, predicted.y), predicted.theta
-        found = search_window(self.map.grid.data, 1.0, self._points, count, start, window)
-        x, y = self.map.to_metres(found[0], found[1])
-        return Pose2D(x, y, wrap_angle(found[2]))
+        return self._search._replace(position_penalty=position_penalty, heading_penalty=weight / stds[1] ** 2)

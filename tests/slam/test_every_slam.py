@@ -66,6 +66,32 @@ def test_wheels_that_spin_in_contact_do_not_move_the_pose(name):
     assert push(bumper=False) > 0.9
 
 
+@pytest.mark.parametrize("name", ["hector", "graph", "gmapping"])
+def test_observers_of_every_matcher_see_tested_poses_and_the_result(name):
+    class Witness:
+        def __getattr__(self, event):
+            return lambda *said: heard.append((event, *said))
+
+    heard, moved, odometry = [], Pose2D(0.3, 0.02, 0.02), Pose2D(0.32, 0.0, 0.0)
+    watched, unwatched = make_slam(name, LIDAR, odometry_noise=WHEELS), make_slam(name, LIDAR, odometry_noise=WHEELS)
+    watched.observers = (Witness(),)
+    for slam in (unwatched, watched):
+        slam.reset(np.random.default_rng(1))
+        slam.update(see(STAY), STAY)
+        slam.update(see(moved), odometry)
+        heard.clear()
+        slam.update(see(moved.compose(moved)), odometry)
+    assert watched.belief.pose == unwatched.belief.pose
+    np.testing.assert_array_equal(watched.belief.covariance, unwatched.belief.covariance)
+    (start, predicted), *tested, (end, result, cost) = heard
+    assert (start, end) == ("on_matching_start", "on_matching_end")
+    np.testing.assert_allclose(predicted, moved.compose(odometry), atol=0.03)
+    assert len({said[1] for said in tested}) >= 3
+    np.testing.assert_allclose(result, watched.belief.pose, atol=1e-9)
+    assert cost < 0.5 * LIDAR.num_beams
+    assert ("on_scan_test", result, cost) in tested
+
+
 def test_kernels_report_the_odometry_in_contact_to_the_slam():
     def slips(physics):
         env = LidarEnv(Explore, world="turtlebot3_stage_1", robot="turtlebot3_burger", physics=physics, slam="tinyslam")

@@ -8,6 +8,7 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
 from ..key_scans import Anchor, KeyScanSlam
+from ..matcher import notify
 from ..matching.correlative import CorrelativeWindow, search_window
 from ..matching.covariance import motion_stds, position_std
 from ..matching.fields import LEAST_MAP_SHARE, fits_map
@@ -160,6 +161,11 @@ class GMapping(KeyScanSlam):
             propose(self.map.maps, self.poses, tuple(motion), tuple(start), wide, *over, self._retried)
             take_better(found, self._retried, params.retry_gain * num_points)
         self._fits = found.fits
+        if self.observers:
+            costs = num_points - found.num_known * found.known_scores
+            tested = [(Pose2D(*mode), cost) for mode, cost in zip(found.modes.tolist(), costs.tolist())]
+            predicted = Pose2D(*self.poses[self.best].tolist()).compose(motion)
+            notify(self.observers, predicted, tested, tested[self.best])
         return fits_map(self.map.grid, self._points[:, :num_points], found.modes[self.best].tolist(), LEAST_MAP_SHARE)
 
     def _draw(self) -> None:
