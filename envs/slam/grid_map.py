@@ -65,15 +65,6 @@ def _weighted(prob, quality):
 
 
 @njit(cache=True, error_model="numpy")
-def blend(word, prob, quality):
-    """Return a packed map cell (int32) after p <- (1 - q) p + q p_new, from p = 0.5."""
-    count = word & MAX_COUNT
-    value = word >> COUNT_BITS if count else FULL_OCCUPANCY // 2
-    value += round(quality * (prob * FULL_OCCUPANCY - value))
-    return (value << COUNT_BITS) | min(count + 1, MAX_COUNT)
-
-
-@njit(cache=True, error_model="numpy")
 def smaller_part(offset, c, s):
     """Return the smaller of the two parts of a unit cell cut by a line at `offset` from its centre; 0.5 if none is cut.
 
@@ -131,11 +122,15 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
             if word & MAX_COUNT == 0:
                 new_cells[num_new, 0] = index
                 num_new += 1
-            if model.uses_area or model.is_base:
+            if model.uses_area:
                 row, col = int(index) // width, int(index) % width
-                if model.uses_area and not (row == row_1 and col == col_1 and ends[k, 2] > 0.0):
+                if not (row == row_1 and col == col_1 and ends[k, 2] > 0.0):
                     weight *= smaller_part(c * (row + 0.5 - y) - s * (col + 0.5 - x), c, s)
-                word = blend(word, prob, weight) if model.is_base else observe(word, _weighted(prob, weight))
+                target = _weighted(prob, weight)
+            if model.is_base:
+                value = word >> COUNT_BITS if word & MAX_COUNT else FULL_OCCUPANCY // 2
+                value += round(weight * (prob * FULL_OCCUPANCY - value))
+                word = (value << COUNT_BITS) | min((word & MAX_COUNT) + 1, MAX_COUNT)
             else:
                 word = observe(word, target)
             flat[index] = word
