@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ from lidarnaut.benchmarks.drives.recording import make_setup, record_drive
 from lidarnaut.benchmarks.drives.slams import measure_drive
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.robots import OdometryNoise, load_robot
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.slam import (
     PRESETS,
@@ -20,7 +21,7 @@ from lidarnaut.envs.slam import (
 )
 from lidarnaut.envs.tasks.explore import ExploreTeam
 from lidarnaut.envs.worlds import load_world
-from tests.slam.rooms import BY_WHEELS, CIRCLE, CORRIDOR, LIDAR, STAY, WHEELS, drive, follow, make_small, see
+from tests.slam.rooms import BY_WHEELS, CIRCLE, CORRIDOR, LIDAR, ROOM, STAY, WHEELS, drive, follow, make_small, see
 
 NO_RETURN = Reading.of_scan(np.full(LIDAR.num_beams, np.nan, dtype=np.float32))
 
@@ -47,6 +48,21 @@ def test_odometry_that_errs_is_corrected(slam, off):
 def test_without_odometry_every_scan_is_matched_to_the_last_pose():
     truth, estimated = drive(make_small("hector", "faithful"), CIRCLE, [Pose2D(9.0, 9.0, 1.0)] * 400)
     np.testing.assert_allclose(estimated, truth, atol=0.03)
+
+
+@pytest.mark.parametrize("name", ["hector", "hector?preset=faithful", "graph", "gmapping?num_particles=3", "tinyslam"])
+@pytest.mark.parametrize("walls", [CORRIDOR, [(50.0, -1.0, 50.0, 1.0)], ROOM], ids=["corridor", "empty hall", "room"])
+@pytest.mark.parametrize("num_beams", [1, 2, 180])
+def test_unobservable_directions_keep_the_covariance_positive(name, walls, num_beams):
+    lidar, pose, rng = replace(LIDAR, num_beams=num_beams), STAY, np.random.default_rng(3)
+    slam = make_slam(name, lidar, 0.1, odometry_noise=OdometryNoise(heading_per_radian=0.3))
+    slam.reset(np.random.default_rng(4))
+    for motion in [Pose2D(0.05, 0.0, 0.12)] * 300:
+        pose = pose.compose(motion)
+        belief = slam.update(see(pose, rng, 0.03, walls=walls, lidar=lidar), motion)
+        assert np.isfinite([*belief.pose, *belief.covariance.flat]).all()
+        np.testing.assert_array_equal(belief.covariance, belief.covariance.T)
+        assert np.linalg.eigvalsh(belief.covariance)[0] >= -1e-9 * np.trace(belief.covariance)
 
 
 @pytest.mark.parametrize(("name", "off"), [("tinyslam", 0.02), ("hector", 0.0)])
