@@ -32,5 +32,5 @@ def test_noise_falls_and_edges_stay():
     assert np.std((smooth - walls)[8:-8]) < 0.02
     assert np.abs(smooth - walls)[8:-8].max() < 0.1  # no ranges between the two walls
     far = np.full(400, 9.0, dtype=np.float32)  # beams farther apart than the width
-    far[7] = 5.0
+    far[7] = 6.0
     np.testing.assert_array_equal(median_ranges(far, INCREMENT, 0.1), far)
