@@ -7,18 +7,20 @@ globally on this map by a particle filter, and drives to goals.
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pygame
 from PIL import Image
 
 from lidarnaut.baselines import make_explorer
-from lidarnaut.baselines.episode import Info, begin_episode, decide_with, run, run_episode
-from lidarnaut.envs.command_line import make_console, run_command
+from lidarnaut.baselines.episode import Episode, Info, Watch, begin_episode, decide_with, run, run_episode
+from lidarnaut.envs.command_line import Count, make_console, run_command
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.localization import load_preset
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams, crop_to_known
 from lidarnaut.envs.rendering.picture import Picture
+from lidarnaut.envs.slam import DEFAULT_SLAM
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.goals import draw_goal
 from lidarnaut.envs.tasks.navigate import Navigate
@@ -62,13 +64,87 @@ class Animation:
         strip.resize((strip.width // 2, strip.height // 2), Image.Resampling.LANCZOS).save(path.with_suffix(".png"))
 
 
+class Mapping(NamedTuple):
+    """Finished exploration of a world."""
+
+    env: LidarEnv
+    explorer: Any
+    episode: Episode
+    path: Path
+    """Saved map, YAML file of `map_server`."""
+
+
+def map_world(out: Path, seed: int, explorer: str = "nearest", watch: Watch | None = None, **arguments: Any) -> Mapping:
+    """Explore a world from its first spawn pose, and save the map as `map.yaml`.
+
+    Args:
+        out: folder of the map.
+        seed: random seed of environment and explorer.
+        explorer: name of the explorer.
+        watch: called with `info` after the reset and after every step.
+        arguments: arguments of the exploration environment, such as `world`, `robot`, `physics` and `slam`.
+    """
+    env, policy = LidarEnv(Explore, start="spawn", **arguments), make_explorer(explorer)
+    episode = run_episode(env, policy, seed, watch)
+    path = save_map(crop_to_known(env.belief.grid, margin=5), out / "map.yaml")
+    env.close()
+    return Mapping(env, policy, episode, path)
+
+
+def known_world(mapping: Mapping, goals: int, **arguments: Any) -> LidarEnv:
+    """Create an environment with the saved map and an unknown initial pose.
+
+    Args:
+        mapping: finished exploration.
+        goals: number of goals to allow time for.
+        arguments: further arguments of the environment, such as `world`, `robot`, `physics` and `goal_tolerance`.
+    """
+    known = {"map": mapping.path, "map_pose": mapping.env.map_pose, "initial_pose": "unknown", "amcl": AMCL}
+    return LidarEnv(Navigate, time_limit=TIME_PER_GOAL * goals, **known, **arguments)
+
+
+def localize_and_drive(env: LidarEnv, seed: int, goals: int, watch: Watch) -> tuple[Info | None, list[Info]]:
+    """Localize globally on the saved map, and drive to goals, the next of which is drawn on arrival.
+
+    Args:
+        env: environment from `known_world`.
+        seed: random seed of environment, driver and goals.
+        goals: number of goals.
+        watch: called with `info` after the reset and after every step.
+
+    Returns:
+        `info` at the first step with a localized robot, or None, and `info` at the end of each drive. A robot that is
+        lost for half of `TIME_PER_GOAL` ends the drives.
+    """
+    driver, localized, ends = GoalNavigator(GoalParams(lost_time=0.5 * TIME_PER_GOAL)), None, list[Info]()
+    observation, info = begin_episode(env, driver, seed + 1, np.random.default_rng([seed, 1]))
+    decide, rng = decide_with(driver, env), np.random.default_rng([seed, 2])
+
+    def note(info: Info) -> None:
+        nonlocal localized
+        watch(info)
+        localized = localized or (None if info["is_lost"] else info)
+
+    for k in range(goals):
+        if k:
+            here = env.map_pose.compose(env.belief.pose)
+            env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng)))
+        observation, info, _ = run(env, decide, observation, info, note)
+        ends.append(info)
+        if info["end_reason"] == "lost":
+            break
+    return localized, ends
+
+
 def main(
     world: str = "turtlebot3_world",
     out: Path = Path("runs/global_localization"),
     seed: int = 0,
-    goals: int = 3,
+    goals: Count = 3,
     robot: str | None = None,
     physics: str = "bullet",
+    explorer: str = "nearest",
+    slam: str = DEFAULT_SLAM,
 ) -> None:
     """Explore a world, save its map, localize globally on the map, and drive to goals.
 
@@ -79,51 +155,26 @@ def main(
         goals: Number of goals.
         robot: Library robot; default is the robot of the world.
         physics: bullet or kinematic.
+        explorer: Explorer of the unknown world.
+        slam: SLAM of the exploration, also with parameters, for example hector?preset=faithful.
     """
     out.mkdir(parents=True, exist_ok=True)
-    exploration = LidarEnv(Explore, world=world, robot=robot, physics=physics, start="spawn")
-    explored = run_episode(exploration, make_explorer("nearest"), seed).explored_fraction
-    map_path = save_map(crop_to_known(exploration.belief.grid, margin=5), out / "map.yaml")
-    exploration.close()
+    place = {"world": world, "robot": robot, "physics": physics}
+    mapping = map_world(out, seed, explorer, slam=slam, **place)
     say = partial(make_console().print, highlight=False, markup=False)
-    say(f"explored    {100 * explored:.1f} % of {world}; map in {map_path}")
-    env = LidarEnv(
-        Navigate,
-        world=world,
-        robot=robot,
-        physics=physics,
-        map=map_path,
-        map_pose=exploration.map_pose,
-        initial_pose="unknown",
-        amcl=AMCL,
-        time_limit=TIME_PER_GOAL * max(goals, 1),
-    )
-    driver = GoalNavigator(GoalParams(lost_time=0.5 * TIME_PER_GOAL))
-    observation, info = begin_episode(env, driver, seed + 1, np.random.default_rng([seed, 1]))
-    decide, rng = decide_with(driver, env), np.random.default_rng([seed, 2])
-    animation, is_lost = Animation(), True
-
-    def watch(info: Info) -> None:
-        nonlocal is_lost
-        animation.take(env)
-        if is_lost and not info["is_lost"]:
-            is_lost, error_cm = False, 100 * info["pose_error"][0]
-            say(f"localized   after {info['time']:.1f} s, {error_cm:.0f} cm from the true position")
-
-    watch(info)
-    for k in range(goals):
-        if k:
-            here = env.map_pose.compose(env.belief.pose)
-            env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng)))
-        observation, info, _ = run(env, decide, observation, info, watch)
-        say(f"goal {k + 1}      {info['end_reason']}")
-        if info["end_reason"] == "lost":
-            break
-    if is_lost:
+    say(f"explored    {100 * mapping.episode.explored_fraction:.1f} % of {world}; map in {mapping.path}")
+    env, animation = known_world(mapping, goals, **place), Animation()
+    localized, ends = localize_and_drive(env, seed, goals, lambda _: animation.take(env))
+    if localized is None:
         say("localized   never")
+    else:
+        error_cm = 100 * localized["pose_error"][0]
+        say(f"localized   after {localized['time']:.1f} s, {error_cm:.0f} cm from the true position")
+    for k, info in enumerate(ends, start=1):
+        say(f"goal {k}      {info['end_reason']}")
     animation.save(out / "global_localization.gif")
     env.close()
-    say(f"collisions  {info['collisions']}")
+    say(f"collisions  {ends[-1]['collisions']}")
     say(f"animation   {out / 'global_localization.gif'}")
 
 
