@@ -4,17 +4,18 @@ Experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022): a rob
 globally on this map by a particle filter, and drives to goals.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pygame
 from PIL import Image
 
 from lidarnaut.baselines import make_explorer
-from lidarnaut.baselines.episode import Episode, Info, Watch, begin_episode, decide_with, run, run_episode
+from lidarnaut.baselines.episode import Episode, Info, begin_episode, decide_with, run, run_episode
 from lidarnaut.envs.command_line import Count, make_console, run_command
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.localization import load_preset
@@ -61,78 +62,49 @@ class Animation:
         pictures = [frame for frame, _ in self._frames]
         localized = next((frame for frame, duration in self._frames if duration == FRAME_MS[False]), pictures[-1])
         strip = Image.fromarray(np.hstack([np.asarray(picture) for picture in (pictures[0], localized, pictures[-1])]))
-        strip.resize((strip.width // 2, strip.height // 2), Image.Resampling.LANCZOS).save(path.with_suffix(".png"))
+        half = strip.resize((strip.width // 2, strip.height // 2), Image.Resampling.LANCZOS)
+        small = half.quantize(96, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        small.save(path.with_suffix(".png"), optimize=True)
 
 
-class Mapping(NamedTuple):
-    """Finished exploration of a world."""
+def map_world(out: Path, seed: int, explorer: str, **arguments: Any) -> tuple[LidarEnv, Any, Episode]:
+    """Explore a world from its first spawn pose, and save the map as `out`/map.yaml.
 
-    env: LidarEnv
-    explorer: Any
-    episode: Episode
-    path: Path
-    """Saved map, YAML file of `map_server`."""
-
-
-def map_world(out: Path, seed: int, explorer: str = "nearest", watch: Watch | None = None, **arguments: Any) -> Mapping:
-    """Explore a world from its first spawn pose, and save the map as `map.yaml`.
-
-    Args:
-        out: folder of the map.
-        seed: random seed of environment and explorer.
-        explorer: name of the explorer.
-        watch: called with `info` after the reset and after every step.
-        arguments: arguments of the exploration environment, such as `world`, `robot`, `physics` and `slam`.
+    `arguments`: of the environment, such as `world`. Returns the closed environment, the explorer and the episode.
     """
     env, policy = LidarEnv(Explore, start="spawn", **arguments), make_explorer(explorer)
-    episode = run_episode(env, policy, seed, watch)
-    path = save_map(crop_to_known(env.belief.grid, margin=5), out / "map.yaml")
+    episode = run_episode(env, policy, seed)
+    save_map(crop_to_known(env.belief.grid, margin=5), out / "map.yaml")
     env.close()
-    return Mapping(env, policy, episode, path)
+    return env, policy, episode
 
 
-def known_world(mapping: Mapping, goals: int, **arguments: Any) -> LidarEnv:
-    """Create an environment with the saved map and an unknown initial pose.
+def localize_and_drive(
+    mapped: LidarEnv, map: Path, seed: int, goals: int, watch: Callable[[LidarEnv], None], **arguments: Any
+) -> tuple[Info | None, list[Info]]:
+    """Start at an unknown pose on the map of the explored world `mapped`, localize globally, and drive to random goals.
 
-    Args:
-        mapping: finished exploration.
-        goals: number of goals to allow time for.
-        arguments: further arguments of the environment, such as `world`, `robot`, `physics` and `goal_tolerance`.
+    `watch`: called with the environment at the start and after every step. `arguments`: of the environment. Returns
+    `info` at the first step with a localized robot, or None, and at the end of each drive; stops if the robot is lost.
     """
-    known = {"map": mapping.path, "map_pose": mapping.env.map_pose, "initial_pose": "unknown", "amcl": AMCL}
-    return LidarEnv(Navigate, time_limit=TIME_PER_GOAL * goals, **known, **arguments)
-
-
-def localize_and_drive(env: LidarEnv, seed: int, goals: int, watch: Watch) -> tuple[Info | None, list[Info]]:
-    """Localize globally on the saved map, and drive to goals, the next of which is drawn on arrival.
-
-    Args:
-        env: environment from `known_world`.
-        seed: random seed of environment, driver and goals.
-        goals: number of goals.
-        watch: called with `info` after the reset and after every step.
-
-    Returns:
-        `info` at the first step with a localized robot, or None, and `info` at the end of each drive. A robot that is
-        lost for half of `TIME_PER_GOAL` ends the drives.
-    """
+    known: Any = {"map": map, "map_pose": mapped.map_pose, "initial_pose": "unknown", "amcl": AMCL}
+    env = LidarEnv(Navigate, time_limit=TIME_PER_GOAL * goals, **known, **arguments)
     driver, localized, ends = GoalNavigator(GoalParams(lost_time=0.5 * TIME_PER_GOAL)), None, list[Info]()
     observation, info = begin_episode(env, driver, seed + 1, np.random.default_rng([seed, 1]))
     decide, rng = decide_with(driver, env), np.random.default_rng([seed, 2])
 
     def note(info: Info) -> None:
         nonlocal localized
-        watch(info)
+        watch(env)
         localized = localized or (None if info["is_lost"] else info)
 
-    for k in range(goals):
-        if k:
+    while len(ends) < goals and not (ends and ends[-1]["end_reason"] == "lost"):
+        if ends:
             here = env.map_pose.compose(env.belief.pose)
             env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng)))
         observation, info, _ = run(env, decide, observation, info, note)
         ends.append(info)
-        if info["end_reason"] == "lost":
-            break
+    env.close()
     return localized, ends
 
 
@@ -159,12 +131,12 @@ def main(
         slam: SLAM of the exploration, also with parameters, for example hector?preset=faithful.
     """
     out.mkdir(parents=True, exist_ok=True)
-    place = {"world": world, "robot": robot, "physics": physics}
-    mapping = map_world(out, seed, explorer, slam=slam, **place)
+    place: Any = {"world": world, "robot": robot, "physics": physics}
+    mapped, _, episode = map_world(out, seed, explorer, slam=slam, **place)
     say = partial(make_console().print, highlight=False, markup=False)
-    say(f"explored    {100 * mapping.episode.explored_fraction:.1f} % of {world}; map in {mapping.path}")
-    env, animation = known_world(mapping, goals, **place), Animation()
-    localized, ends = localize_and_drive(env, seed, goals, lambda _: animation.take(env))
+    say(f"explored    {100 * episode.explored_fraction:.1f} % of {world}; map in {out / 'map.yaml'}")
+    animation = Animation()
+    localized, ends = localize_and_drive(mapped, out / "map.yaml", seed, goals, animation.take, **place)
     if localized is None:
         say("localized   never")
     else:
@@ -173,7 +145,6 @@ def main(
     for k, info in enumerate(ends, start=1):
         say(f"goal {k}      {info['end_reason']}")
     animation.save(out / "global_localization.gif")
-    env.close()
     say(f"collisions  {ends[-1]['collisions']}")
     say(f"animation   {out / 'global_localization.gif'}")
 

@@ -8,10 +8,9 @@ from lidarnaut.envs.robots import OdometryNoise
 
 NOISE_PER_HIT = 0.02
 """Part of the scan-matching Hessian due to noise in map cells, per scan point [1/cells^2]; subtracted."""
-LEAST_DETERMINANT = 1e-6
-"""Least determinant of a correlation matrix that is inverted by its minors, which lose digits by cancellation."""
-LEAST_PIVOT, TINY = 1e-13, 1e-100
-"""Least pivot of a matrix nearly singular, relative to the diagonal entry, and absolute."""
+LEAST_DETERMINANT, LEAST_EIGENVALUE, TINY = 1e-6, 1e-13, 1e-100
+"""Least determinant of a correlation matrix that is inverted by its minors, which lose digits by cancellation; least
+eigenvalue of other correlation matrices; least diagonal entry."""
 
 
 class NoiseRecord(NamedTuple):
@@ -68,13 +67,18 @@ def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
 def invert(p, out):
     """Write the inverse of a symmetric positive definite 3 x 3 matrix to `out`; return the determinant.
 
-    The result is positive definite even if `p` is singular or, by rounding, indefinite: see `LEAST_PIVOT`.
+    The result is positive definite even if `p` is singular or, by rounding, indefinite: see `LEAST_EIGENVALUE`.
     """
     m_xx, m_xy = p[1, 1] * p[2, 2] - p[1, 2] * p[1, 2], p[0, 2] * p[1, 2] - p[0, 1] * p[2, 2]
     m_xt = p[0, 1] * p[1, 2] - p[0, 2] * p[1, 1]
     determinant = p[0, 0] * m_xx + p[0, 1] * m_xy + p[0, 2] * m_xt
     if not determinant > LEAST_DETERMINANT * p[0, 0] * p[1, 1] * p[2, 2]:
-        return _invert_by_pivots(p, out)
+        scale = np.sqrt(np.maximum(np.diag(p), TINY))
+        values, vectors = np.linalg.eigh(p / np.outer(scale, scale))
+        values = np.maximum(values, LEAST_EIGENVALUE)
+        root = np.ascontiguousarray(vectors / np.outer(scale, np.sqrt(values)))
+        out[:] = root @ root.T
+        return np.prod(values) * np.prod(scale) ** 2
     out[0, 0] = m_xx / determinant
     out[0, 1] = out[1, 0] = m_xy / determinant
     out[0, 2] = out[2, 0] = m_xt / determinant
@@ -82,24 +86,6 @@ def invert(p, out):
     out[1, 2] = out[2, 1] = (p[0, 1] * p[0, 2] - p[0, 0] * p[1, 2]) / determinant
     out[2, 2] = (p[0, 0] * p[1, 1] - p[0, 1] * p[0, 1]) / determinant
     return determinant
-
-
-@njit(cache=True, error_model="numpy")
-def _invert_by_pivots(p, out):
-    """Invert by the factors P = L D L^T: P^-1 = L^-T D^-1 L^-1."""
-    pivot_x = max(p[0, 0], TINY)
-    yx, tx = p[0, 1] / pivot_x, p[0, 2] / pivot_x
-    pivot_y = max(p[1, 1] - yx * p[0, 1], LEAST_PIVOT * p[1, 1], TINY)
-    ty = (p[1, 2] - yx * p[0, 2]) / pivot_y
-    pivot_t = max(p[2, 2] - tx * p[0, 2] - ty * ty * pivot_y, LEAST_PIVOT * p[2, 2], TINY)
-    xt = yx * ty - tx  # last row of L^-1: xt, -ty, 1
-    out[0, 0] = 1.0 / pivot_x + yx * yx / pivot_y + xt * xt / pivot_t
-    out[0, 1] = out[1, 0] = -yx / pivot_y - xt * ty / pivot_t
-    out[0, 2] = out[2, 0] = xt / pivot_t
-    out[1, 1] = 1.0 / pivot_y + ty * ty / pivot_t
-    out[1, 2] = out[2, 1] = -ty / pivot_t
-    out[2, 2] = 1.0 / pivot_t
-    return pivot_x * pivot_y * pivot_t
 
 
 @njit(cache=True, error_model="numpy")
