@@ -26,11 +26,8 @@ def explore_and_return(world: str, seed: int, out: Path, goals: int, minutes: fl
 
     Returns measures by name and unit. Seed 0 draws pictures to the folder `out`.
     """
-    slam, place, out = (
-        SLAMS[world],
-        {"world": world, "robot": "raspimouse", "physics": "bullet"},
-        out / f"{world}_{seed}",
-    )
+    slam, place = SLAMS[world], {"world": world, "robot": "raspimouse", "physics": "bullet"}
+    out = out / f"{world}_{seed}"
     out.mkdir(exist_ok=True)
     mapped, explorer, episode = map_world(out, seed, "rrt", slam=slam, **place)
     grid, start, area, animation = mapped.belief.grid, mapped.map_pose, mapped.task.area, Animation()
@@ -42,21 +39,14 @@ def explore_and_return(world: str, seed: int, out: Path, goals: int, minutes: fl
         # The parent of a vertex is the nearest of the earlier vertices.
         parents = [tree[np.hypot(*(tree[:k] - tree[k]).T).argmin()] for k in range(1, len(tree))]
         edges = np.stack([tree[1:], parents, np.full((len(parents), 2), np.nan)], axis=1).reshape(-1, 2)
-        trails, wrong = (
-            [each.trail.positions for each in (mapped.truths[0], mapped.robots[0])],
-            wrong_cells(grid, start, area.walls),
-        )
+        wrong, walls, true_path = wrong_cells(grid, start, area.walls), area.walls, mapped.truths[0].trail.positions
         panels = [
-            Panel("Ground truth and path", area.walls, trails[0]),
-            Panel("Map and estimated path", grid, start.transform(trails[1]), wrong, start),
+            Panel("Ground truth and path", walls, true_path),
+            Panel("Map and estimated path", grid, start.transform(mapped.robots[0].trail.positions), wrong, start),
             Panel("Global tree", grid, edges, wrong, start),
         ]
-        draw_maps(
-            out / "map_and_tree.png",
-            panels,
-            np.reshape(area.walls.bounds, (2, 2)),
-            f"{world}: RRT, Hector without odometry",
-        )
+        view, note = np.reshape(walls.bounds, (2, 2)), f"{world}: RRT, Hector without odometry"
+        draw_maps(out / "map_and_tree.png", panels, view, note)
     setup = Setup(mapped.world, mapped.robot, area, "bullet")
     estimator = make_slam(slam, mapped.robot.lidar, RESOLUTION, odometry_noise=mapped.robot.odometry.noise)
     row, _ = measure_drive(setup, record_drive(setup, seed, 60.0 * minutes), estimator, seed)
