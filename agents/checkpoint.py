@@ -145,7 +145,7 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
     return folder
 
 
-def load_checkpoint(folder: Path, *, policy_only: bool = False, trust: Iterable[str] = ()) -> Checkpoint:
+def load_checkpoint(folder: str | Path, *, policy_only: bool = False, trust: Iterable[str] = ()) -> Checkpoint:
     """Read a checkpoint from a folder.
 
     `policy_only`: skip optimizer moments and random states, whose file may be missing. `trust`: modules, or names
@@ -155,7 +155,7 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False, trust: Iterable[
         CheckpointError: if a file is missing, altered or invalid.
         ValueError: if the checkpoint names code that is not trusted.
     """
-    tensors = []
+    folder, tensors = Path(folder), []
     try:
         # ValueError covers invalid encodings, invalid JSON and too deep nesting.
         record = Record.model_validate_json(read_bytes(folder / RECORD_FILE, MAX_JSON_BYTES))

@@ -24,10 +24,10 @@ SCORES = "scores"
 """Column with the headline (main) measure of each episode, as numbers separated by spaces."""
 
 
-def read_evaluations(run: Path) -> list[Row]:
+def read_evaluations(run: str | Path) -> list[Row]:
     """Read the evaluation table of a run folder; raise ValueError if empty or damaged."""
     kinds: dict[str, type] = {"policy": str, SCORES: str, "steps": int}
-    path = run / "evaluations.csv"
+    path = Path(run) / "evaluations.csv"
     try:
         rows = csv.DictReader(io.StringIO(read_bytes(path, MAX_JSON_BYTES).decode(), newline=""))
         found = [{key: kinds.get(key, float)(value) for key, value in row.items()} for row in rows]

@@ -4,21 +4,24 @@ Experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022): a rob
 globally on this map by a particle filter, and drives to goals.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pygame
 from PIL import Image
 
 from lidarnaut.baselines import make_explorer
-from lidarnaut.baselines.episode import Info, begin_episode, decide_with, run, run_episode
-from lidarnaut.envs.command_line import make_console, run_command
+from lidarnaut.baselines.episode import Episode, Info, begin_episode, decide_with, run, run_episode
+from lidarnaut.envs.command_line import Count, make_console, run_command
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.localization import load_preset
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams, crop_to_known
 from lidarnaut.envs.rendering.picture import Picture
+from lidarnaut.envs.slam import DEFAULT_SLAM
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.goals import draw_goal
 from lidarnaut.envs.tasks.navigate import Navigate
@@ -59,16 +62,61 @@ class Animation:
         pictures = [frame for frame, _ in self._frames]
         localized = next((frame for frame, duration in self._frames if duration == FRAME_MS[False]), pictures[-1])
         strip = Image.fromarray(np.hstack([np.asarray(picture) for picture in (pictures[0], localized, pictures[-1])]))
-        strip.resize((strip.width // 2, strip.height // 2), Image.Resampling.LANCZOS).save(path.with_suffix(".png"))
+        half = strip.resize((strip.width // 2, strip.height // 2), Image.Resampling.LANCZOS)
+        small = half.quantize(96, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        small.save(path.with_suffix(".png"), optimize=True)
+
+
+def map_world(out: Path, seed: int, explorer: str, **arguments: Any) -> tuple[LidarEnv, Any, Episode]:
+    """Explore a world from its first spawn pose, and save the map as `out`/map.yaml.
+
+    `arguments`: of the environment, such as `world`. Returns the closed environment, the explorer and the episode.
+    """
+    env, policy = LidarEnv(Explore, start="spawn", **arguments), make_explorer(explorer)
+    episode = run_episode(env, policy, seed)
+    save_map(crop_to_known(env.belief.grid, margin=5), out / "map.yaml")
+    env.close()
+    return env, policy, episode
+
+
+def localize_and_drive(
+    mapped: LidarEnv, map: Path, seed: int, goals: int, watch: Callable[[LidarEnv], None], **arguments: Any
+) -> tuple[Info | None, list[Info]]:
+    """Start at an unknown pose on the map of the explored world `mapped`, localize globally, and drive to random goals.
+
+    `watch`: called with the environment at the start and after every step. `arguments`: of the environment. Returns
+    `info` at the first step with a localized robot, or None, and at the end of each drive; stops if the robot is lost.
+    """
+    known: Any = {"map": map, "map_pose": mapped.map_pose, "initial_pose": "unknown", "amcl": AMCL}
+    env = LidarEnv(Navigate, time_limit=TIME_PER_GOAL * goals, **known, **arguments)
+    driver, localized, ends = GoalNavigator(GoalParams(lost_time=0.5 * TIME_PER_GOAL)), None, list[Info]()
+    observation, info = begin_episode(env, driver, seed + 1, np.random.default_rng([seed, 1]))
+    decide, rng = decide_with(driver, env), np.random.default_rng([seed, 2])
+
+    def note(info: Info) -> None:
+        nonlocal localized
+        watch(env)
+        localized = localized or (None if info["is_lost"] else info)
+
+    while len(ends) < goals and not (ends and ends[-1]["end_reason"] == "lost"):
+        if ends:
+            here = env.map_pose.compose(env.belief.pose)
+            env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng)))
+        observation, info, _ = run(env, decide, observation, info, note)
+        ends.append(info)
+    env.close()
+    return localized, ends
 
 
 def main(
     world: str = "turtlebot3_world",
     out: Path = Path("runs/global_localization"),
     seed: int = 0,
-    goals: int = 3,
+    goals: Count = 3,
     robot: str | None = None,
     physics: str = "bullet",
+    explorer: str = "nearest",
+    slam: str = DEFAULT_SLAM,
 ) -> None:
     """Explore a world, save its map, localize globally on the map, and drive to goals.
 
@@ -79,51 +127,25 @@ def main(
         goals: Number of goals.
         robot: Library robot; default is the robot of the world.
         physics: bullet or kinematic.
+        explorer: Explorer of the unknown world.
+        slam: SLAM of the exploration, also with parameters, for example hector?preset=faithful.
     """
     out.mkdir(parents=True, exist_ok=True)
-    exploration = LidarEnv(Explore, world=world, robot=robot, physics=physics, start="spawn")
-    explored = run_episode(exploration, make_explorer("nearest"), seed).explored_fraction
-    map_path = save_map(crop_to_known(exploration.belief.grid, margin=5), out / "map.yaml")
-    exploration.close()
+    place: Any = {"world": world, "robot": robot, "physics": physics}
+    mapped, _, episode = map_world(out, seed, explorer, slam=slam, **place)
     say = partial(make_console().print, highlight=False, markup=False)
-    say(f"explored    {100 * explored:.1f} % of {world}; map in {map_path}")
-    env = LidarEnv(
-        Navigate,
-        world=world,
-        robot=robot,
-        physics=physics,
-        map=map_path,
-        map_pose=exploration.map_pose,
-        initial_pose="unknown",
-        amcl=AMCL,
-        time_limit=TIME_PER_GOAL * max(goals, 1),
-    )
-    driver = GoalNavigator(GoalParams(lost_time=0.5 * TIME_PER_GOAL))
-    observation, info = begin_episode(env, driver, seed + 1, np.random.default_rng([seed, 1]))
-    decide, rng = decide_with(driver, env), np.random.default_rng([seed, 2])
-    animation, is_lost = Animation(), True
-
-    def watch(info: Info) -> None:
-        nonlocal is_lost
-        animation.take(env)
-        if is_lost and not info["is_lost"]:
-            is_lost, error_cm = False, 100 * info["pose_error"][0]
-            say(f"localized   after {info['time']:.1f} s, {error_cm:.0f} cm from the true position")
-
-    watch(info)
-    for k in range(goals):
-        if k:
-            here = env.map_pose.compose(env.belief.pose)
-            env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng)))
-        observation, info, _ = run(env, decide, observation, info, watch)
-        say(f"goal {k + 1}      {info['end_reason']}")
-        if info["end_reason"] == "lost":
-            break
-    if is_lost:
+    say(f"explored    {100 * episode.explored_fraction:.1f} % of {world}; map in {out / 'map.yaml'}")
+    animation = Animation()
+    localized, ends = localize_and_drive(mapped, out / "map.yaml", seed, goals, animation.take, **place)
+    if localized is None:
         say("localized   never")
+    else:
+        error_cm = 100 * localized["pose_error"][0]
+        say(f"localized   after {localized['time']:.1f} s, {error_cm:.0f} cm from the true position")
+    for k, info in enumerate(ends, start=1):
+        say(f"goal {k}      {info['end_reason']}")
     animation.save(out / "global_localization.gif")
-    env.close()
-    say(f"collisions  {info['collisions']}")
+    say(f"collisions  {ends[-1]['collisions']}")
     say(f"animation   {out / 'global_localization.gif'}")
 
 

@@ -74,7 +74,7 @@ class Trace:
         return archive.getvalue()
 
     @classmethod
-    def load(cls, path: Path) -> "Trace":
+    def load(cls, path: str | Path) -> "Trace":
         with open_archive(path, WHAT, HINT) as file:
             x, y = file["origin"]
             grid = OccupancyGrid(file["map"], float(file["resolution"]), (float(x), float(y)))

@@ -65,7 +65,7 @@ def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str
         ax.add_patch(Rectangle((x_min, y_min), *size, facecolor=_rgb(style.UNKNOWN), zorder=-1))
         ax.set(xlim=(x_min, x_max), ylim=(y_min, y_max))
         ax.set_title(title, fontsize=10)
-    gap, length = 0.06 * (x_max - x_min), 5.0
+    gap, length = 0.06 * (x_max - x_min), 5.0 if x_max - x_min > 8.0 else 1.0
     x, y = x_max - length - gap, y_min + gap
     axes[0].plot([x, x + length], [y, y], color=_rgb(style.INK), linewidth=3, solid_capstyle="butt")
     axes[0].text(x + 0.5 * length, y + 0.2 * gap, f"{length:g} m", ha="center", va="bottom", fontsize=9)

@@ -12,28 +12,28 @@ MAX_BYTES = 2**31
 """Maximum size of a file, and of the unpacked arrays of an archive [bytes]."""
 
 
-def check_file(path: Path, limit: float = MAX_BYTES) -> None:
+def check_file(path: str | Path, limit: float = MAX_BYTES) -> None:
     """Check that a path is a regular file of at most `limit` bytes.
 
     Raises:
         OSError: the file does not exist.
         ValueError: the file is too large or not regular.
     """
-    found = path.stat()
+    found = Path(path).stat()
     if not stat.S_ISREG(found.st_mode):
         raise ValueError(f"{path}: is not a regular file")
     if found.st_size > limit:
         raise ValueError(f"{path}: {found.st_size:,} bytes; at most {limit:,} are allowed")
 
 
-def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
+def read_bytes(path: str | Path, limit: int = MAX_BYTES) -> bytes:
     """Return the content of a regular file of at most `limit` bytes; ValueError for other files."""
     check_file(path, limit)
-    return path.read_bytes()
+    return Path(path).read_bytes()
 
 
 @contextlib.contextmanager
-def open_archive(path: Path, what: str = "", hint: str = "") -> Iterator[Any]:
+def open_archive(path: str | Path, what: str = "", hint: str = "") -> Iterator[Any]:
     """Open a NumPy archive (.npz) as a context manager.
 
     Raises:
@@ -44,7 +44,7 @@ def open_archive(path: Path, what: str = "", hint: str = "") -> Iterator[Any]:
     try:
         check_file(path)
         # np.load may leave files open.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
             if (size := sum(entry.file_size for entry in archive.zip.infolist())) > MAX_BYTES:
                 raise ValueError(f"unpacks to {size:,} bytes; at most {MAX_BYTES:,} are allowed")
             yield archive

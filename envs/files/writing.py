@@ -11,9 +11,9 @@ _STARTED = time.time()
 _swept: set[Path] = set()
 
 
-def write_file(path: Path, content: bytes | str) -> None:
+def write_file(path: str | Path, content: bytes | str) -> None:
     """Write a file atomically. After an OSError, the old file is unchanged."""
-    with _in_place_of(path) as temporary:
+    with _in_place_of(Path(path)) as temporary:
         _write_through(temporary, content)
 
 

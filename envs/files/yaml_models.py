@@ -83,7 +83,7 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
     return _checked_mapping(values, str(path))
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: str | Path) -> dict[str, Any]:
     """Read a JSON file that contains an object.
 
     Raises:

@@ -33,16 +33,16 @@ _LATCHED_TOPICS = ("/map", "/tf_static")
 class BagWriter:
     """Writer of a ROS 2 bag. The file appears at `path` when the bag is complete."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: str | Path) -> None:
         """Start a bag `NAME.mcap` with `TOPICS`, replacing any existing file.
 
         Raises:
             ValueError: another suffix.
             OSError: the bag cannot be written.
         """
+        self.path = path = Path(path)
         if path.suffix != ".mcap":
             raise ValueError(f"bags are written as .mcap, got {path}")
-        self.path = path
         self._folder = temporary_beside(path)
         shutil.rmtree(self._folder, ignore_errors=True)
         # Metadata hold the final file name. Before ROS 2 Jazzy, only versions below 9 are readable.

@@ -165,7 +165,7 @@ def _numbers(fields: list[str]) -> list[float]:
     return values
 
 
-def read_archive(path: Path) -> LogContent:
+def read_archive(path: str | Path) -> LogContent:
     """Read a log from a NumPy archive (.npz); ValueError if an array is missing or invalid."""
     arrays: dict[str, Any] = {}
     with open_archive(path) as archive:

@@ -64,7 +64,7 @@ def load_relations(path: str | Path) -> np.ndarray:
     return table[:, [0, 1, 2, 3, 7]]
 
 
-def load_labelled(path: Path) -> dict[str, np.ndarray]:
+def load_labelled(path: str | Path) -> dict[str, np.ndarray]:
     """Read sets of reference relative poses by name: all (`relation error`), and an optional subset (`unambiguous`).
 
     The file `unambiguous_relations.npy` in the same folder, a boolean mask, selects the subset.
@@ -72,7 +72,7 @@ def load_labelled(path: Path) -> dict[str, np.ndarray]:
     Raises:
         ValueError: a file is damaged.
     """
-    relations, mask_path = load_relations(path), path.parent / "unambiguous_relations.npy"
+    relations, mask_path = load_relations(path), Path(path).parent / "unambiguous_relations.npy"
     if not mask_path.is_file():
         return {"relation error": relations}
     try:

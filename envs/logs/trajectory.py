@@ -32,7 +32,7 @@ def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.
     return compose_poses(scan_poses[scan], between_poses(odometry[scan_rows[scan]], odometry))
 
 
-def save_trajectory(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
+def save_trajectory(path: str | Path, times: np.ndarray, poses: np.ndarray) -> None:
     """Write times [s] and poses in TUM format: time, position, quaternion."""
     zero = np.zeros(len(times))
     x, y, theta = poses.T

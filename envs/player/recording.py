@@ -117,7 +117,7 @@ class Recording:
         return archive.getvalue()
 
     @classmethod
-    def load(cls, path: Path) -> "Recording":
+    def load(cls, path: str | Path) -> "Recording":
         """Read a recording from a file.
 
         Raises:

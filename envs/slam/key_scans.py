@@ -13,7 +13,7 @@ from lidarnaut.envs.simulation import Reading
 from .log_odds_map import LOG_ODDS_UNIT, LogOddsMap
 from .matcher import MatcherObserver
 from .posegraph import GrowingArray
-from .scans import ScanGeometry, check_scan, project_hits
+from .scans import ScanGeometry, check_scan, median_ranges, project_hits
 
 
 @njit(cache=True, error_model="numpy")
@@ -144,6 +144,8 @@ class KeyScanSlam(ABC):
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
         """Match a scan, shape (num_beams,), float32 [m], to the map and insert it; `predicted` is the odometry pose."""
         belief = self.belief
+        if self.params.median_width > 0.0:
+            ranges = median_ranges(ranges, self._lidar.angle_increment, self.params.median_width)
         matched = ranges if self.unmatched is None else np.where(self.unmatched, np.float32(np.nan), ranges)
         pose, quality = self._match(matched, predicted)
         belief.pose, belief.update = pose, NO_UPDATE

@@ -8,6 +8,8 @@ from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
+MAX_NEIGHBOURS = 15
+"""Maximum number of beams on each side of a beam in a median filter."""
 
 
 class ScanGeometry(NamedTuple):
@@ -41,6 +43,21 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
     if not math.isfinite(motion[0] + motion[1] + motion[2]):
         raise ValueError(f"motion must be finite, got {tuple(motion)}")
     return ranges
+
+
+@njit(cache=True, error_model="numpy")
+def median_ranges(ranges, increment, width):
+    """Return a scan with each range replaced by the median over the neighbouring beams within a width [m].
+
+    `ranges`: shape (num_beams,), float32 [m]; +inf (no return) and NaN stay. `increment`: angle between neighbouring
+    beams [rad].
+    """
+    out, last = ranges.copy(), ranges.shape[0] - 1
+    for k in range(last + 1):
+        if 0.0 < ranges[k] < math.inf:
+            half = min(int(0.5 * width / (ranges[k] * increment)), MAX_NEIGHBOURS, k, last - k)
+            out[k] = np.nanmedian(ranges[k - half : k + half + 1])
+    return out
 
 
 @njit(cache=True, error_model="numpy")

@@ -28,6 +28,9 @@ class SlamParams:
     """Minimum turn between scans inserted into the map [rad]; scans are also inserted after the minimum distance."""
     skip_exceeding: bool = False
     """Whether mapping ignores beams without a return instead of clearing cells along them."""
+    median_width: NotNegative = 0.0
+    """Width of a median filter over neighbouring beams of a scan [m]; 0 for none. Against range noise that makes walls
+    thicker than a map cell."""
     map_width: Positive = 20.0
     """Initial map size along x [m]; grows when needed."""
     map_height: Positive = 20.0

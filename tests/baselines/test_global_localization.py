@@ -32,6 +32,7 @@ def _area(animation, k):
     return np.count_nonzero(np.abs(picture - np.array(ESTIMATED)).sum(axis=-1) < 100)
 
 
-def test_a_world_that_does_not_exist_is_named(tmp_path):
-    with pytest.raises(ValueError, match="atlantis"):
-        main(world="atlantis", out=tmp_path)
+@pytest.mark.parametrize(("option", "name"), [("world", "atlantis"), ("explorer", "rrrt"), ("slam", "hector?preset=f")])
+def test_an_unknown_name_is_named(option, name, tmp_path):
+    with pytest.raises(ValueError, match=name.partition("=")[2] or name):
+        main(out=tmp_path, **{option: name})

@@ -5,9 +5,13 @@ import zipfile
 import numpy as np
 import pytest
 
+from lidarnaut.agents.checkpoint import CheckpointError, load_checkpoint
+from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.benchmarks.arena.trace import Trace
-from lidarnaut.envs.files import Lock, archives, printable, read_bytes, read_json
+from lidarnaut.envs.files import Lock, archives, open_archive, printable, read_bytes, read_json, write_file
 from lidarnaut.envs.logs import load_log
+from lidarnaut.envs.logs.bag_writer import BagWriter
+from lidarnaut.envs.logs.relations import load_labelled
 from lidarnaut.envs.player.recording import Recording
 
 
@@ -56,6 +60,19 @@ def test_a_damaged_archive_is_named(tmp_path, what, load, make):
             np.save(file, np.zeros(3))
     with pytest.raises(ValueError, match=rf"a\.npz{what}"):
         load(path)
+
+
+def test_paths_may_be_text(tmp_path):
+    np.savez(tmp_path / "a.npz", b=np.arange(3))
+    with open_archive(str(tmp_path / "a.npz")) as archive:
+        assert archive["b"].tolist() == [0, 1, 2]
+    write_file(str(tmp_path / "a.json"), '{"b": 1}')
+    assert read_json(str(tmp_path / "a.json")) == {"b": 1}
+    for load in (Recording.load, Trace.load, load_log, load_labelled, load_checkpoint, read_evaluations):
+        with pytest.raises((OSError, ValueError, CheckpointError), match="nowhere"):
+            load(str(tmp_path / "nowhere.npz"))
+    with pytest.raises(ValueError, match=r"as \.mcap"):
+        BagWriter(str(tmp_path / "a.bag"))
 
 
 def test_files_are_read_up_to_a_size(tmp_path):

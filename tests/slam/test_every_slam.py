@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from lidarnaut.envs.slam import (
 )
 from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from lidarnaut.envs.worlds import load_world
-from tests.slam.rooms import BY_WHEELS, CIRCLE, CORRIDOR, LIDAR, STAY, WHEELS, drive, follow, make_small, see
+from tests.slam.rooms import BY_WHEELS, CIRCLE, CORRIDOR, LIDAR, ROOM, STAY, WHEELS, drive, follow, make_small, see
 
 NO_RETURN = Reading.of_scan(np.full(LIDAR.num_beams, np.nan, dtype=np.float32))
 
@@ -108,6 +109,21 @@ def test_kernels_report_the_odometry_in_contact_to_the_slam():
 
     for physics in ("bullet", "kinematic"):
         assert max(slips(physics)) == pytest.approx(0.2, abs=0.03)
+
+
+@pytest.mark.parametrize("name", ["hector", "hector?preset=faithful", "graph", "gmapping?num_particles=3", "tinyslam"])
+@pytest.mark.parametrize("walls", [CORRIDOR, [(50.0, -1.0, 50.0, 1.0)], ROOM], ids=["corridor", "empty hall", "room"])
+@pytest.mark.parametrize("num_beams", [1, 2, 180])
+def test_unobservable_directions_keep_the_covariance_positive(name, walls, num_beams):
+    lidar, pose, rng = replace(LIDAR, num_beams=num_beams), STAY, np.random.default_rng(3)
+    slam = make_slam(name, lidar, 0.1, odometry_noise=OdometryNoise(heading_per_radian=0.3))
+    slam.reset(np.random.default_rng(4))
+    for motion in [Pose2D(0.05, 0.0, 0.12)] * 300:
+        pose = pose.compose(motion)
+        belief = slam.update(see(pose, rng, 0.03, walls=walls, lidar=lidar), motion)
+        assert np.isfinite([*belief.pose, *belief.covariance.flat]).all()
+        np.testing.assert_allclose(belief.covariance, belief.covariance.T, rtol=1e-9)
+        assert np.linalg.eigvalsh(belief.covariance)[0] >= -1e-9 * np.trace(belief.covariance)
 
 
 @pytest.mark.parametrize(("name", "off"), [("tinyslam", 0.02), ("hector", 0.0)])

@@ -130,6 +130,35 @@ def test_covariance_after_a_match_is_the_inverse_of_the_joined_information():
     np.testing.assert_allclose(p, expected, rtol=1e-8)
 
 
+@pytest.mark.parametrize("spread", [1e2, 1e6, 1e10])
+def test_covariances_stay_positive_definite_where_directions_are_unobservable(spread):
+    rng = np.random.default_rng(8)
+    inverse, p = np.empty((3, 3)), np.zeros((3, 3))
+    for k in range(300):
+        # Most matches observe one direction of three, of any mixture of position and heading.
+        g = rng.normal(size=(3, 1 if k % 50 else 40))
+        i, j = np.triu_indices(3)
+        predict_covariance(p, *rng.normal(size=2), np.sqrt(spread) * 1e-3, np.sqrt(spread) * 1e-3)
+        shrunk = correct_covariance(p, Fit(*(spread * g @ g.T)[i, j], *[0.0] * 5), 0, 0.3, 0.05)
+        assert 0.0 < shrunk <= 1.0 + 1e-9
+        invert(p, inverse)
+        for matrix in (p, inverse):
+            np.testing.assert_allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12 * np.trace(matrix))
+            assert np.linalg.eigvalsh(matrix)[0] > -1e-12 * np.trace(matrix)
+
+
+def test_a_nearly_singular_matrix_is_inverted_accurately():
+    turn = np.linalg.qr(np.random.default_rng(9).normal(size=(3, 3)))[0]
+    values = np.array([1e4, 1e-6, 3e-6])  # a round room: turning about its center is unobservable
+    inverse = np.empty((3, 3))
+    determinant = invert(turn @ np.diag(values) @ turn.T, inverse)
+    np.testing.assert_allclose(inverse, turn @ np.diag(1.0 / values) @ turn.T, atol=1e-5 / values.min())
+    assert determinant == pytest.approx(values.prod(), rel=1e-4)
+    invert(np.zeros((3, 3)), inverse)
+    assert np.isfinite(inverse).all()
+    assert (np.diag(inverse) > 0.0).all()
+
+
 def test_noise_is_taken_off_both_directions():
     rng = np.random.default_rng(6)
     g = rng.normal(size=(3, 40))

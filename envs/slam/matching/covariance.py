@@ -10,6 +10,9 @@ NOISE_PER_HIT = 0.02
 """Part of the scan-matching Hessian due to noise in map cells, per scan point [1/cells^2]; subtracted."""
 SLIP_FACTOR = 20.0
 """Heading noise per metre of odometry in contact, divided by the noise without contact."""
+LEAST_DETERMINANT, LEAST_EIGENVALUE, TINY = 1e-6, 1e-13, 1e-100
+"""Least determinant of a correlation matrix that is inverted by its minors, which lose digits by cancellation; least
+eigenvalue of other correlation matrices; least diagonal entry."""
 
 
 class NoiseRecord(NamedTuple):
@@ -69,10 +72,20 @@ def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
 
 @njit(cache=True, error_model="numpy")
 def invert(p, out):
-    """Write the inverse of a symmetric positive definite 3 x 3 matrix to `out`; return the determinant."""
+    """Write the inverse of a symmetric positive definite 3 x 3 matrix to `out`; return the determinant.
+
+    The result is positive definite even if `p` is singular or, by rounding, indefinite: see `LEAST_EIGENVALUE`.
+    """
     m_xx, m_xy = p[1, 1] * p[2, 2] - p[1, 2] * p[1, 2], p[0, 2] * p[1, 2] - p[0, 1] * p[2, 2]
     m_xt = p[0, 1] * p[1, 2] - p[0, 2] * p[1, 1]
     determinant = p[0, 0] * m_xx + p[0, 1] * m_xy + p[0, 2] * m_xt
+    if not determinant > LEAST_DETERMINANT * p[0, 0] * p[1, 1] * p[2, 2]:
+        scale = np.sqrt(np.maximum(np.diag(p), TINY))
+        values, vectors = np.linalg.eigh(p / np.outer(scale, scale))
+        values = np.maximum(values, LEAST_EIGENVALUE)
+        root = np.ascontiguousarray(vectors / np.outer(scale, np.sqrt(values)))
+        out[:] = root @ root.T
+        return np.prod(values) * np.prod(scale) ** 2
     out[0, 0] = m_xx / determinant
     out[0, 1] = out[1, 0] = m_xy / determinant
     out[0, 2] = out[2, 0] = m_xt / determinant

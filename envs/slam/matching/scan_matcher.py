@@ -15,7 +15,8 @@ from .gauss_newton import Fit, PosePrior, known_score_at, refine
 
 WINDOW_STDS = 2.0
 """Half width of correlative search windows, in standard deviations of the predicted pose."""
-UNKNOWN_POSE_STD = 1e6
+NO_ODOMETRY_STD = 0.5
+"""Standard deviation of the motion between two scans without odometry: of position [m], and of heading [rad]."""
 
 
 class MatcherParams(NamedTuple):
@@ -90,7 +91,7 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     travelled = distance(dx, dy)
     position_std, heading_std = motion_stds(params.odometry_noise, travelled, turn)
     if not params.uses_odometry:
-        predicted, position_std, heading_std = last, UNKNOWN_POSE_STD, UNKNOWN_POSE_STD
+        predicted, dx, dy, position_std, heading_std = last, 0.0, 0.0, NO_ODOMETRY_STD, NO_ODOMETRY_STD
     count = project_hits(ranges, geometry, points)
     start = (predicted[0] / resolution - corner[0], predicted[1] / resolution - corner[1], predicted[2])
     predict_covariance(covariance, dx, dy, position_std, heading_std)
