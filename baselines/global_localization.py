@@ -5,7 +5,6 @@ globally on this map by a particle filter, and drives to goals.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from lidarnaut.baselines import make_explorer
 from lidarnaut.baselines.episode import Episode, Info, begin_episode, decide_with, run, run_episode
 from lidarnaut.envs.command_line import Count, make_console, run_command
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.localization import load_preset
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams, crop_to_known
 from lidarnaut.envs.rendering.picture import Picture
 from lidarnaut.envs.slam import DEFAULT_SLAM
@@ -27,8 +25,6 @@ from lidarnaut.envs.tasks.goals import draw_goal
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.worlds import save_map
 
-AMCL = replace(load_preset("default"), lost_fit=0.7)
-"""AMCL parameters for maps made by SLAM, which match scans less precisely."""
 PICTURE_SIZE = (1280, 720)
 FRAME_TIMES = {True: 0.1, False: 1.0}
 """Simulated time between animation frames [s], for a lost (True) or localized (False) robot."""
@@ -87,7 +83,7 @@ def localize_and_drive(
     `watch`: called with the environment at the start and after every step. `arguments`: of the environment. Returns
     `info` at the first step with a localized robot, or None, and at the end of each drive; stops if the robot is lost.
     """
-    known: Any = {"map": map, "map_pose": mapped.map_pose, "initial_pose": "unknown", "amcl": AMCL}
+    known: Any = {"map": map, "map_pose": mapped.map_pose, "initial_pose": "unknown", "amcl": "slam_map"}
     env = LidarEnv(Navigate, time_limit=TIME_PER_GOAL * goals, **known, **arguments)
     driver, localized, ends = GoalNavigator(GoalParams(lost_time=0.5 * TIME_PER_GOAL)), None, list[Info]()
     observation, info = begin_episode(env, driver, seed + 1, np.random.default_rng([seed, 1]))

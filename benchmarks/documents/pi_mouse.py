@@ -35,10 +35,8 @@ def explore_and_return(world: str, seed: int, out: Path, goals: int, minutes: fl
     localized, ends = localize_and_drive(mapped, out / "map.yaml", seed, goals, watch, **place, **GOALS)
     if seed == 0:
         animation.save(out / "localization.gif")
-        tree = start.transform(explorer._detector.trees[-1].vertices)
-        # The parent of a vertex is the nearest of the earlier vertices.
-        parents = [tree[np.hypot(*(tree[:k] - tree[k]).T).argmin()] for k in range(1, len(tree))]
-        edges = np.stack([tree[1:], parents, np.full((len(parents), 2), np.nan)], axis=1).reshape(-1, 2)
+        edges = start.transform(explorer._detector.trees[-1].edges.reshape(-1, 2)).reshape(-1, 2, 2)
+        edges = np.insert(edges, 2, np.nan, axis=1).reshape(-1, 2)
         wrong, walls, true_path = wrong_cells(grid, start, area.walls), area.walls, mapped.truths[0].trail.positions
         panels = [
             Panel("Ground truth and path", walls, true_path),
