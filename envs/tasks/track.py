@@ -25,14 +25,14 @@ from .route_map import make_route_map
 
 AMCL_PARAMS = AmclParams(
     sensor="likelihood_field_prob",
-    max_beams=180,
-    sigma_hit=0.1,
+    max_beams=540,
+    sigma_hit=0.05,
     squash=4.0,
     alpha1=0.05,
     alpha2=0.01,
     alpha3=0.02,
     alpha4=0.01,
-    update_min_d=0.2,
+    update_min_d=0.1,
     update_min_a=0.1,
 )
 """Parameters of AMCL with a sharper sensor model than Nav2's defaults, for map cells of 0.02 m."""
@@ -107,9 +107,9 @@ class Track(Task):
     world: str | World = "workshop_hall"
     path: Any = None
     fusion: str = "full"
-    slam: Any = "tinyslam"
+    slam: Any = "hector"
     map_seed: int = 0
-    map_resolution: float = 0.02
+    map_resolution: float = 0.01
     map_latency: float = 0.1
     max_deviation: float = 2.0
     start_spread: tuple[float, float] = (0.02, 0.02)
