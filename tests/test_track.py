@@ -43,7 +43,7 @@ def test_the_tracker_follows_the_route_to_its_end(physics):
     assert infos[-1]["rewards"]["completed"] == Track.weights["completed"]
     counts = env.robots[0].estimator.ekf.counts
     assert counts["encoder"]["accepted"] == counts["compass"]["accepted"] == len(infos) - 1
-    assert 20 < counts["map"]["accepted"] < 35
+    assert 40 < counts["map"]["accepted"] < 60
     env.close()
 
 
@@ -107,7 +107,7 @@ def test_a_route_seen_from_its_start_begins_at_the_origin():
 def test_maps_are_made_once_and_are_aligned_with_the_world():
     route = Route.of(HALL["path"])
     world, robot = load_world("workshop_hall"), load_robot("mpo_500")
-    arguments = (world, robot, "kinematic", "tinyslam", route.points.tobytes(), 0.05, 1 / 17, 3)
+    arguments = (world, robot, "kinematic", "tinyslam?sigma_xy=0.01", route.points.tobytes(), 0.05, 1 / 17, 3)
     made = make_route_map(*arguments)
     assert make_route_map(*arguments) is made
     assert abs(made.north) < math.radians(0.1)

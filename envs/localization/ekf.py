@@ -35,6 +35,12 @@ TURN_HOLD, TURN_DECAY = 0.25, 0.25
 [s]. Turns are short: the rate of one moment says nothing about the next seconds."""
 BIAS_PATIENCE = 0.25
 """Time with only `gated` compass measurements after which the next one changes the compass bias [s]."""
+DISTURBED, DISTURBED_INTERVAL, DISTURBED_TIME = 3.0, 0.1, 4.0
+"""The compass counts as disturbed if the heading of a `map` measurement differs from the estimate by more than this
+number of standard deviations. The random walk of the bias then grows to this difference per interval [s], and decays
+to `bias_drift` with this time constant [s]."""
+SHIFTED = np.array([0.0, 0.0, 1.0, 0.0, 0.0, -1.0])
+"""Change of the state that the compass does not measure: heading against compass bias."""
 MIN_DISTANCE = 1e-3
 """Minimum distance of a landmark; nearer ones have no bearing and are `unusable` [m]."""
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
@@ -117,6 +123,8 @@ class _Moment:
     state: np.ndarray = field(default_factory=lambda: np.zeros(STATE_SIZE + 1))
     covariance: np.ndarray = field(default_factory=lambda: np.eye(STATE_SIZE + 1))
     gated_since: dict[str, float] = field(default_factory=dict)
+    disturbance: float = 0.0
+    """Additional spectral density of the compass bias [rad2/s]."""
 
     @property
     def order(self) -> tuple[Any, ...]:
@@ -290,7 +298,10 @@ class Ekf:
     def _predict(self, before: _Moment, time: float) -> tuple[np.ndarray, np.ndarray]:
         state, covariance = before.state.copy(), before.covariance.copy()
         if time > before.time:
-            predict(state, covariance, time - before.time, self._noise, MAX_STEP)
+            noise = self._noise
+            if before.disturbance > 0.0:
+                noise = noise + before.disturbance * np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+            predict(state, covariance, time - before.time, noise, MAX_STEP)
         return state, covariance
 
     def _apply(self, before: _Moment, after: _Moment) -> None:
@@ -310,9 +321,17 @@ class Ekf:
             return
         compared = expected, jacobian, measurement.values, noise, HEADINGS[kind]
         innovation, spread, length = _innovation_of(covariance, *compared)
+        after.disturbance = before.disturbance * math.exp((before.time - after.time) / DISTURBED_TIME)
+        has_bias = self._noise[BIAS] > 0.0
+        if kind == "map" and has_bias and innovation[2] ** 2 > DISTURBED**2 * spread[2, 2]:
+            shifted = covariance + innovation[2] ** 2 * np.outer(SHIFTED, SHIFTED)
+            found = _innovation_of(shifted, *compared)
+            if found[2] <= self._gates[2]:
+                covariance[:], (innovation, spread, length) = shifted, found
+                after.disturbance = max(after.disturbance, innovation[2] ** 2 / DISTURBED_INTERVAL)
         if length > self._gates[len(noise) - 1]:
             since = after.gated_since.setdefault(kind, after.time)
-            is_bias = kind == "compass" and self._noise[BIAS] > 0.0
+            is_bias = kind == "compass" and has_bias
             if after.time - since < (BIAS_PATIENCE if is_bias else self._patience) or after.time == since:
                 after.verdict = "gated"
                 return

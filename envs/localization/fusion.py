@@ -24,9 +24,9 @@ MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.01, 0.01, 0.001)
 """Extra standard deviation of AMCL poses in the Kalman filter [m, m, rad], as successive errors are correlated."""
-BIAS_STD, BIAS_DRIFT = 0.002, 0.0003
-"""Assumed error of the compass apart from its noise: standard deviation at the start [rad], and root spectral density
-of its random walk [rad/sqrt(s)]."""
+BIAS_STD, BIAS_DRIFT = 1.0, 0.1
+"""Assumed bias of the compass in standard deviations of its noise: standard deviation at the start, and root spectral
+density of its random walk [1/sqrt(s)]."""
 ACCELERATION_TIME = 0.06
 """Assumed duration of an acceleration at the limit of the robot [s]."""
 MIN_HEADING_STD = 1e-4
@@ -37,7 +37,14 @@ def make_filter(robot: RobotParams) -> Ekf:
     """Return an extended Kalman filter with process noise from the robot's acceleration limits."""
     root = math.sqrt(ACCELERATION_TIME)
     accelerations = {"acceleration": root * robot.max_acc_v, "angular_acceleration": root * robot.max_acc_w}
-    return Ekf(**accelerations, max_ahead=math.inf, bias_std=BIAS_STD, bias_drift=BIAS_DRIFT)
+    noise = math.sqrt(compass_variance(robot)) if robot.imu.has_compass else 0.0
+    return Ekf(**accelerations, max_ahead=math.inf, bias_std=BIAS_STD * noise, bias_drift=BIAS_DRIFT * noise)
+
+
+def compass_variance(robot: RobotParams) -> float:
+    """Return the variance of one compass heading by noise and rounding [rad2]."""
+    # Variance of uniform rounding errors: step^2 / 12.
+    return robot.imu.compass_std**2 + robot.imu.compass_resolution**2 / 12.0 + MIN_HEADING_STD**2
 
 
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
@@ -68,10 +75,8 @@ def measure_heading(robot: RobotParams, time: float, period: float, before: floa
 
     Without earlier heading (NaN), the yaw rate gets a large variance.
     """
-    imu = robot.imu
-    # Standard deviation of uniform rounding errors: step / sqrt(12). Each heading is part of two measurements, with half
-    # the weight.
-    variance = 2.0 * (imu.compass_std**2 + imu.compass_resolution**2 / 12.0 + MIN_HEADING_STD**2)
+    # Each heading is part of two measurements, with half the weight.
+    variance = 2.0 * compass_variance(robot)
     rate, lag = wrap_angle(heading - before) / period, 0.5 * robot.max_acc_w * period
     rate_variance, common = 2.0 * variance / period**2 + lag**2 / 3.0, variance / period
     if math.isnan(rate) and not math.isnan(heading):
@@ -137,8 +142,13 @@ class FusedPose:
             ValueError: time stamps do not increase.
         """
         last, self._last = self._last, reading
+        motion = motion if last else ORIGIN
+        localized, self._odometry = self.localizer.update(reading, motion), self._odometry.compose(motion)
+        if self.localizer.is_corrected and not localized.is_lost:
+            covariance = localized.covariance + np.diag(np.square(MAP_STD))
+            measurement = Measurement(reading.time, "map", np.array(localized.pose), covariance)
+            self._delayed.append((reading.time + self._latency, measurement, self._odometry))
         if last is None:
-            self.localizer.update(reading, ORIGIN)
             self.ekf.reset(self.belief.pose, np.diag(self._start), time=reading.time)
             self.measurements, self._heading = [], math.nan
             self.estimate = self.localized = Estimate(reading.time, self.belief.pose, 0.0, 0.0, np.diag(self._start))
@@ -146,18 +156,12 @@ class FusedPose:
         period = reading.time - last.time
         if not period > 0.0:
             raise ValueError(f"time must increase between readings, got {reading.time!r} s after {last.time!r} s")
-        localized = self.localizer.update(reading, motion)
-        self._odometry = self._odometry.compose(motion)
         counts = reading.ticks[0] - last.ticks[0], reading.ticks[1] - last.ticks[1]
         wheels = measure_wheels(self._robot, reading.time, period, counts)
         self.measurements = [wheels]
         if self._robot.imu.has_compass:
             before, self._heading = self._heading, wrap_angle(reading.heading - self.north)
             self.measurements.append(measure_heading(self._robot, reading.time, period, before, self._heading))
-        if self.localizer.is_corrected and not localized.is_lost:
-            covariance = localized.covariance + np.diag(np.square(MAP_STD))
-            measurement = Measurement(reading.time, "map", np.array(localized.pose), covariance)
-            self._delayed.append((reading.time + self._latency, measurement, self._odometry))
         while self._delayed and self._delayed[0][0] <= reading.time + 1e-9:
             _, measurement, odometry = self._delayed.popleft()
             self.measurements.append(measurement)

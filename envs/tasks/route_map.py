@@ -13,7 +13,7 @@ from lidarnaut.envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, make_simulator
-from lidarnaut.envs.slam import KnownPoses, load_params, make_slam
+from lidarnaut.envs.slam import KnownPoses, base_name, load_params, make_slam
 from lidarnaut.envs.slam.scan_alignment import align_scans
 from lidarnaut.envs.worlds import World
 
@@ -53,7 +53,8 @@ def make_route_map(
     """Drive along a route, map it with a SLAM, and return the map (cached).
 
     The SLAM gets wheel odometry, and the compass is not used. Scans are mapped at intervals, to limit the drift from
-    scan noise. After the drive, all scans are aligned with each other (`align_scans`), except with the slam `truth`.
+    scan noise. After the drive, all scans are aligned with each other (`align_scans`), except with the SLAMs `truth`
+    and `odometry`, whose poses are used as they are.
     `path`: bytes of route points, float64, shape (n, 2), world frame [m]; `resolution`: map cell size [m].
     RuntimeError if the robot does not reach the end.
     """
@@ -61,7 +62,7 @@ def make_route_map(
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
     simulator = make_simulator(physics, robot, control_period)
     reading = simulator.reset(world, [route.start], [simulator_rng])[0]
-    mapper = make_slam(slam, robot.lidar, odometry_noise=robot.odometry.noise)
+    name, mapper = base_name(slam), make_slam(slam, robot.lidar, odometry_noise=robot.odometry.noise)
     mapper.reset(slam_rng)
     wheels = WheelMotion(robot)
     wheels.reset(reading)
@@ -79,7 +80,7 @@ def make_route_map(
         before = truth
         reading = simulator.step([steer(progress, truth, robot.max_v, LOOKAHEAD)])[0]
         truth = simulator.states[0].pose
-        motion = motion.compose(before.between(truth) if slam == "truth" else wheels.update(reading))
+        motion = motion.compose(before.between(truth) if name == "truth" else wheels.update(reading))
         if math.hypot(motion.x, motion.y) < UPDATE_DISTANCE and abs(motion.theta) < UPDATE_ANGLE:
             continue
         poses.append(mapper.update(reading, motion).pose)
@@ -87,7 +88,7 @@ def make_route_map(
         motion = ORIGIN
     simulator.close()
     found = np.array(poses)
-    if slam != "truth":
+    if name not in ("truth", "odometry"):
         found = align_scans(np.array([reading.ranges for reading in readings]), found, robot.lidar)
     grid = _draw(robot, readings, found, resolution)
     _clear_driven(grid, found, 0.5 * robot.radius)
