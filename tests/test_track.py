@@ -156,5 +156,5 @@ def test_the_compass_tells_headings_in_the_map_frame():
     assert first.values == pytest.approx([3.1, 0.0])
     assert second.values == pytest.approx([3.2 - 2 * math.pi, 1.0])
     assert first.covariance[1, 1] > second.covariance[1, 1]
-    assert second.covariance[0, 0] == pytest.approx(math.radians(0.1) ** 2 / 12, rel=0.1)
+    assert second.covariance[0, 0] == pytest.approx(2 * math.radians(0.1) ** 2 / 12, rel=0.1)
     assert np.isnan(measure_heading(robot, 0.3, 0.1, 3.1, math.nan).values).all()

@@ -22,8 +22,9 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
 """Sensors that the Kalman filter fuses, by name of the combination; none for `amcl`, which is AMCL without filter."""
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
-MAP_STD = (0.01, 0.01, 0.001)
-"""Extra standard deviation of AMCL poses in the Kalman filter [m, m, rad], as successive errors are correlated."""
+MAP_STD, MAP_HEADING_STD = 1.0, 0.001
+"""Extra standard deviation of AMCL poses in the Kalman filter: position [map cells] and heading [rad]. Successive errors
+are correlated."""
 BIAS_STD, BIAS_DRIFT = 1.0, 0.1
 """Assumed bias of the compass in standard deviations of its noise: standard deviation at the start, and root spectral
 density of its random walk [1/sqrt(s)]."""
@@ -145,7 +146,8 @@ class FusedPose:
         motion = motion if last else ORIGIN
         localized, self._odometry = self.localizer.update(reading, motion), self._odometry.compose(motion)
         if self.localizer.is_corrected and not localized.is_lost:
-            covariance = localized.covariance + np.diag(np.square(MAP_STD))
+            error = MAP_STD * localized.grid.resolution
+            covariance = localized.covariance + np.diag(np.square([error, error, MAP_HEADING_STD]))
             measurement = Measurement(reading.time, "map", np.array(localized.pose), covariance)
             self._delayed.append((reading.time + self._latency, measurement, self._odometry))
         if last is None:
