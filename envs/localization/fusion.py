@@ -23,8 +23,8 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD, MAP_HEADING_STD = 1.0, 0.001
-"""Extra standard deviation of AMCL poses in the Kalman filter: position [map cells] and heading [rad]. Successive errors
-are correlated."""
+"""Extra standard deviation of AMCL poses in the Kalman filter, as successive errors are correlated: position [map
+cells], heading [rad]."""
 BIAS_STD, BIAS_DRIFT = 1.0, 0.1
 """Assumed bias of the compass in standard deviations of its noise: standard deviation at the start, and root spectral
 density of its random walk [1/sqrt(s)]."""

@@ -35,9 +35,9 @@ def hall():
     return make_env("kinematic", 0, 0.69, "no disturbance", {"path": experiment.QUICK["path"]})
 
 
-def make_drive(errors, covariance=np.eye(3), straights=0.0):
+def make_drive(errors, covariance=None, straights=0.0):
     truth = np.tile([1.0, 2.0, math.pi - 0.001], (len(errors), 1))
-    covariances = np.tile(covariance, (len(errors), 1, 1))
+    covariances = np.tile(np.eye(3) if covariance is None else covariance, (len(errors), 1, 1))
     time, estimated = np.arange(len(errors), dtype=float), {"full": truth + errors}
     directions = np.broadcast_to(straights, len(errors))
     return RouteDrive("kinematic", 0, "completed", 0, time, truth, directions, estimated, {"full": covariances}, {})

@@ -17,7 +17,9 @@ WORLD = make_room(-2.0, -3.0, 4.0, 5.0)
 LIDAR = LidarParams(num_beams=4, range_max=10.0)
 
 
-def read(lidar=LIDAR, imu=None, *, pose=ORIGIN, angles=(0.0, 0.0), yaw_rate=0.0, bumper=False, seed=0, circles=(), magnets=()):
+def read(
+    lidar=LIDAR, imu=None, *, pose=ORIGIN, angles=(0.0, 0.0), yaw_rate=0.0, bumper=False, seed=0, circles=(), magnets=()
+):
     robot = replace(BURGER, lidar=lidar, imu=imu or ImuParams())
     rows = Rows(robot, 0.1, 1)
     row = rows.numbers[0]
