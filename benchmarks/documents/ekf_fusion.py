@@ -188,7 +188,7 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
         figures += _figures(f"fault: {fault}", drives[-len(few) :], fault, dict.fromkeys(keys))
     with matplotlib.rc_context({"axes.spines.top": False, "axes.spines.right": False, "font.size": 9}):
         _draw_drive(drives[0], changes, pictures)
-        _draw_errors(drives[: len(main)]).savefig(pictures / "ekf_fusion_errors.png", dpi=110)
+        _draw_errors(drives[: len(main)]).savefig(pictures / "ekf_fusion_errors.png", dpi=70)
     return figures
 
 
@@ -289,7 +289,7 @@ def _draw_drive(drive: RouteDrive, changes: Mapping[str, Any], folder: Path) -> 
     turns.set_title(f"Heading ({what}); figure 7 of the paper")
     position.legend(loc="outside lower center", ncols=5, frameon=False)
     turns.legend(frameon=False)
-    position.savefig(folder / "ekf_fusion_position.png", dpi=110)
+    position.savefig(folder / "ekf_fusion_position.png", dpi=85)
     heading.savefig(folder / "ekf_fusion_heading.png", dpi=110)
 
 
