@@ -46,9 +46,7 @@ def align_scans(ranges: np.ndarray, poses: np.ndarray, lidar: LidarParams, itera
             right[:, i] = np.bincount(scan, -weights * slopes[i] * offsets, len(poses))
             for j in range(3):
                 hessian[:, i, j] = np.bincount(scan, weights * slopes[i] * slopes[j], len(poses))
-        change = poses - aligned
-        change[:, 2] = wrap_angle(change[:, 2])
-        right += change / PRIOR_STD**2
+        right += (poses - aligned) / PRIOR_STD**2
         aligned += np.linalg.solve(hessian + np.diag(PRIOR_STD**-2.0), right[..., None])[..., 0]
     # Return to the frame of the first pose.
     turn = poses[0, 2] - aligned[0, 2]
