@@ -30,7 +30,7 @@ def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_
         with contact, without the last one.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
-    segments, circles, crowd = world_arrays
+    segments, circles, magnets, crowd = world_arrays
     row, record, no_points = rows[0], navigators[0], obstacles[:0]
     noted[1][:] = contacts = 0
     num_steps = min(max_steps, draws.shape[1] - 1 - int(row[at.DRAW]))
@@ -38,7 +38,7 @@ def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_
         pose = (row[at.POSE], row[at.POSE + 1], row[at.POSE + 2])
         v, w = compute_velocity_command(navigators, navigator.path, obstacles, pose, row[at.TWIST_V], constants)
         row[at.COMMAND_V], row[at.COMMAND_W] = v, w
-        step_robots(rows, draws, ranges, segments, circles, crowd)
+        step_robots(rows, draws, ranges, segments, circles, magnets, crowd)
         update_robots(rows, crowd[0])
         flags, touched = int(row[at.FLAGS]), row[at.TOUCHED] > 0.0
         record_positions(rows, ONE_ACTIVE, *noted)

@@ -326,7 +326,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         simulator, robot, truth, rows = env.simulator, env.robots[0], env.truths[0], env.rows
         left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, 1e12)) - rows.steps  # may be inf
         rows.draw_ahead(simulator.rngs)
-        world_arrays = env.world.segments, env.world.circles, simulator.crowd.arrays
+        world = env.world
+        world_arrays = world.segments, world.circles, world.magnets, simulator.crowd.arrays
         check_from = min(navigator.check_from, 1 << 40)
         arrays = rows.numbers, rows.draws, rows.ranges, world_arrays, navigator.navigator.arrays, self._noted
         count, progress, num_contacts = drive(*arrays, max(left, 1), check_from)

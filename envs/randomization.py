@@ -14,7 +14,7 @@ from lidarnaut.envs.robots import RobotParams
 _RECORDS = {
     "body": ("friction", "mass"),
     "drive": ("friction", "max_torque", "slip_std", "track", "wheel_radius"),
-    "imu": ("compass_std", "gyro_bias_std", "gyro_std"),
+    "imu": ("compass_deviation", "compass_offset", "compass_std", "gyro_bias_std", "gyro_std"),
     "lidar": ("dropout", "mount.pitch", "mount.roll", "mount.x", "mount.y", "mount.yaw", "noise_std"),
 }
 RANDOMIZABLE = (
@@ -42,7 +42,7 @@ class Randomization:
         if not isinstance(ranges, Mapping):
             raise ValueError(f"randomize must map names of parameters to (low, high), got {ranges!r}")
         if not robot.imu.has_compass:
-            ignored = (*ignored, "imu.compass_std")
+            ignored = (*ignored, *(name for name in RANDOMIZABLE if name.startswith("imu.compass")))
         allowed = [name for name in RANDOMIZABLE if name not in ignored]
         if unknown := sorted(map(str, set(ranges) - set(allowed))):
             raise ValueError(

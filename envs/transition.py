@@ -120,13 +120,14 @@ def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
     """Simulate one control period of several environments with `num_robots` robots each.
 
     `rows`, `draws`, `ranges`: states, random numbers and lidar ranges of robots, one row per robot. `active`:
-    environments to simulate, shape (num_envs,), bool. `world_arrays`: wall segments, circles and people by environment.
+    environments to simulate, shape (num_envs,), bool. `world_arrays`: wall segments, circles, magnets and people by
+    environment.
     """
     for i in range(active.shape[0]):
         if active[i]:
             first, last = i * num_robots, (i + 1) * num_robots
-            own, (segments, circles, crowd) = rows[first:last], world_arrays[i]
-            step_robots(own, draws[first:last], ranges[first:last], segments, circles, crowd)
+            own, (segments, circles, magnets, crowd) = rows[first:last], world_arrays[i]
+            step_robots(own, draws[first:last], ranges[first:last], segments, circles, magnets, crowd)
             update_robots(own, crowd[0])
 
 

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -12,7 +13,7 @@ from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.tasks.route import Progress, Route, rectangle
 from lidarnaut.envs.tasks.route_map import make_route_map
 from lidarnaut.envs.tasks.track import Track
-from lidarnaut.envs.worlds import load_world
+from lidarnaut.envs.worlds import load_world, rasterize, save_map
 from tests.test_contract import TASKS
 
 QUICK = {**TASKS["Track"], "map_resolution": 0.05}
@@ -43,7 +44,7 @@ def test_the_tracker_follows_the_route_to_its_end(physics):
     assert infos[-1]["rewards"]["completed"] == Track.weights["completed"]
     counts = env.robots[0].estimator.ekf.counts
     assert counts["encoder"]["accepted"] == counts["compass"]["accepted"] == len(infos) - 1
-    assert 20 < counts["map"]["accepted"] < 35
+    assert 40 < counts["map"]["accepted"] < 60
     env.close()
 
 
@@ -107,7 +108,7 @@ def test_a_route_seen_from_its_start_begins_at_the_origin():
 def test_maps_are_made_once_and_are_aligned_with_the_world():
     route = Route.of(HALL["path"])
     world, robot = load_world("workshop_hall"), load_robot("mpo_500")
-    arguments = (world, robot, "kinematic", "tinyslam", route.points.tobytes(), 0.05, 1 / 17, 3)
+    arguments = (world, robot, "kinematic", "tinyslam?sigma_xy=0.01", route.points.tobytes(), 0.05, 1 / 17, 3)
     made = make_route_map(*arguments)
     assert make_route_map(*arguments) is made
     assert abs(made.north) < math.radians(0.1)
@@ -156,5 +157,36 @@ def test_the_compass_tells_headings_in_the_map_frame():
     assert first.values == pytest.approx([3.1, 0.0])
     assert second.values == pytest.approx([3.2 - 2 * math.pi, 1.0])
     assert first.covariance[1, 1] > second.covariance[1, 1]
-    assert second.covariance[0, 0] == pytest.approx(math.radians(0.1) ** 2 / 12, rel=0.1)
+    assert second.covariance[0, 0] == pytest.approx(2 * math.radians(0.1) ** 2 / 12, rel=0.1)
     assert np.isnan(measure_heading(robot, 0.3, 0.1, 3.1, math.nan).values).all()
+
+
+def test_a_map_of_ones_own_replaces_the_mapping_drive(tmp_path, monkeypatch):
+    world = load_world("workshop_hall")
+    walls, path = rasterize(world, 0.05), tmp_path / "hall.yaml"
+    save_map(walls, path)
+    monkeypatch.setattr("lidarnaut.envs.tasks.track.make_route_map", None)
+    arguments = {**HALL, "start_spread": (0.0, 0.0), "map_resolution": 0.3}
+    infos = follow(LidarEnv(Track, **arguments, map=path))
+    assert infos[-1]["end_reason"] == "completed"
+    assert max(info["pose_error"][0] for info in infos) < 0.08
+    moved = dataclasses.replace(walls, origin=tuple(np.subtract(walls.origin, (10.0, 5.0)).tolist()))
+    shifted = follow(LidarEnv(Track, **arguments, map=moved, map_pose=(10.0, 5.0, 0.0)))
+    assert shifted[-1]["end_reason"] == "completed"
+    assert max(info["pose_error"][0] for info in shifted) < 0.08
+    with pytest.raises(ValueError, match="map_pose must be"):
+        LidarEnv(Track, **arguments, map=moved, map_pose=(1.0, 2.0))
+
+
+def test_fusion_is_not_worse_with_a_noisy_and_disturbed_compass():
+    robot = load_robot("mpo_500")
+    imu = dataclasses.replace(robot.imu, compass_std=math.radians(1.15), compass_deviation=0.1)
+    magnets = np.array([[7.0, 2.0, 0.3, 2.0]])
+    noisy = {**HALL, "robot": dataclasses.replace(robot, imu=imu), "start_spread": (0.0, 0.0), "map_resolution": 0.02}
+    noisy["world"] = dataclasses.replace(load_world("workshop_hall"), magnets=magnets)
+    errors = {}
+    for fusion in ("full", "amcl", "encoder_compass"):
+        infos = [info for seed in range(2) for info in follow(LidarEnv(Track, **noisy, fusion=fusion), seed)]
+        errors[fusion] = np.sqrt(np.mean([info["pose_error"][0] ** 2 for info in infos]))
+    assert errors["full"] < 0.01
+    assert errors["full"] < 1.1 * min(errors.values())

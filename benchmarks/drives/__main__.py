@@ -1,4 +1,4 @@
-"""Benchmarks of SLAM, localization, pose fusion and planning: `python -m lidarnaut.benchmarks.drives STAGE`."""
+"""Benchmarks of SLAM, localization and planning: `python -m lidarnaut.benchmarks.drives STAGE`."""
 
 import functools
 import json
@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import tyro
 from rich.table import Table
 
-from lidarnaut.benchmarks.drives.ekf import compare_faults, compare_fusions
 from lidarnaut.benchmarks.drives.localization import compare_amcl, compare_on_log
 from lidarnaut.benchmarks.drives.localization_times import time_amcl
 from lidarnaut.benchmarks.drives.planning import time_planning
@@ -26,8 +25,6 @@ STAGES: dict[str, Callable[..., list[Row]]] = {
     "localization": compare_amcl,
     "localization-log": compare_on_log,
     "localization-times": time_amcl,
-    "ekf": compare_fusions,
-    "faults": compare_faults,
     "planning": time_planning,
     "teams": compare_teams,
 }

@@ -1,7 +1,8 @@
 """Extended Kalman filter of pose and velocity for late, missing and outlier measurements.
 
 After Nguyen et al., "A study and design of localization system for mobile robot based on ROS" (2021), equations 1 to
-10, with Joseph-form covariance updates, short prediction steps, and measurements ordered by time stamp.
+10, with Joseph-form covariance updates, short prediction steps, measurements ordered by time stamp, a state for the
+bias of the compass, and measurements of landmarks.
 """
 
 import bisect
@@ -9,7 +10,7 @@ import contextlib
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numba import njit
@@ -17,9 +18,11 @@ from scipy.special import gammaincinv
 
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 
-X, Y, THETA, V, W = range(5)
-"""State indices: x, y, heading in the map frame [m, m, rad], forward speed [m/s], yaw rate [rad/s]."""
+X, Y, THETA, V, W, BIAS = range(6)
+"""State indices: x, y, heading in the map frame [m, m, rad], forward speed [m/s], yaw rate [rad/s], compass bias
+[rad]."""
 STATE_SIZE = 5
+"""Number of states without the compass bias, which `Estimate.covariance` leaves out."""
 DRIFT = (0.001, 0.001, 0.0005)
 """Process noise: standard deviation of the random walk of x, y, heading after 1 s [m, m, rad]."""
 MAX_STEP = 0.002
@@ -27,18 +30,36 @@ MAX_STEP = 0.002
 MAX_STEPS = 5000
 """Maximum number of integration steps per prediction."""
 
+TURN_HOLD, TURN_DECAY = 0.25, 0.25
+"""Time without measurements after which the prediction of the yaw rate decays to zero, and time constant of the decay
+[s]. Turns are short: the rate of one moment says nothing about the next seconds."""
+BIAS_PATIENCE = 0.25
+"""Time with only `gated` compass measurements after which the next one changes the compass bias [s]."""
+DISTURBED, DISTURBED_INTERVAL, DISTURBED_TIME = 3.0, 0.1, 4.0
+"""The compass counts as disturbed if the heading of a `map` measurement differs from the estimate by more than this
+number of standard deviations. The random walk of the bias then grows to this difference per interval [s], and decays
+to `bias_drift` with this time constant [s]."""
+SHIFTED = np.array([0.0, 0.0, 1.0, 0.0, 0.0, -1.0])
+"""Change of the state that the compass does not measure: heading against compass bias."""
+MIN_DISTANCE = 1e-3
+"""Minimum distance of a landmark; nearer ones have no bearing and are `unusable` [m]."""
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
 """A jump of the clock is accepted after at least this number of measurements with refused time stamps. The timeout
 `patience` is multiplied by the factor if only one of several sensors jumps."""
 
-Kind = Literal["map", "encoder", "compass"]
+Kind = Literal["map", "encoder", "compass", "landmark"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 MEASURED: dict[str, np.ndarray] = {
     "map": np.array([X, Y, THETA]),
     "encoder": np.array([V, W]),
     "compass": np.array([THETA, W]),
 }
-"""Indices of the state components that each sensor measures: nonzero columns of its measurement matrix H."""
+"""Indices of the state components that each sensor measures: nonzero columns of its measurement matrix H, which for the
+compass also contains the bias."""
+JACOBIANS = {kind: np.eye(STATE_SIZE + 1)[measured] for kind, measured in MEASURED.items()}
+JACOBIANS["compass"][0, BIAS] = 1.0
+HEADINGS: dict[str, int] = {"map": 2, "encoder": -1, "compass": 0, "landmark": 1}
+"""Index of the angle among the values of a measurement, -1 for none."""
 Verdict = Literal["accepted", "recovered", "gated", "too_old", "too_new", "unusable"]
 """Verdict of the filter on a measurement: applied (`accepted`, or `recovered` after divergence), outlier (`gated`),
 wrong time stamp (`too_old`, `too_new`) or not finite (`unusable`)."""
@@ -51,16 +72,23 @@ class Measurement:
     time: float
     """Time stamp, on a clock shared by all sensors [s]."""
     kind: Kind
-    """Sensor: `map` (localization: x, y, heading), `encoder` (speed, yaw rate) or `compass` (heading, yaw rate)."""
+    """Sensor: `map` (localization: x, y, heading), `encoder` (speed, yaw rate), `compass` (heading, yaw rate) or
+    `landmark` (range and bearing of a reflector or beacon from the base, or only its range)."""
     values: np.ndarray
     """Measured values in the order given at `kind`, shape (k,), float64 [m, rad, m/s, rad/s]."""
     covariance: np.ndarray
     """Covariance of the measurement noise, shape (k, k), float64; positive definite."""
+    position: tuple[float, float] | None = None
+    """Position (x, y) of the landmark in the map frame [m]; None for the other kinds."""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ValueError(f"unknown kind of measurement {self.kind!r}; choose one of {', '.join(KINDS)}")
-        size = len(MEASURED[self.kind])
+        size = len(MEASURED[self.kind]) if self.kind in MEASURED else 1 if np.shape(self.values) == (1,) else 2
+        if (self.kind == "landmark") != (self.position is not None and np.isfinite(self.position).all()):
+            raise ValueError(
+                f"a landmark has a finite position, and a {self.kind} measurement got position={self.position!r}"
+            )
         if self.values.shape != (size,) or self.covariance.shape != (size, size):
             raise ValueError(
                 f"a {self.kind} measurement has {size} values and a covariance of shape {(size, size)}, "
@@ -83,6 +111,8 @@ class Estimate:
     """Yaw rate [rad/s]."""
     covariance: np.ndarray
     """Covariance of x, y, heading, speed and yaw rate, shape (5, 5), float64."""
+    compass_bias: float = 0.0
+    """Bias of the compass: mean difference of its heading from the true one [rad]."""
 
 
 @dataclass(slots=True, eq=False)
@@ -90,13 +120,16 @@ class _Moment:
     time: float
     measurement: Measurement | None
     verdict: Verdict = "accepted"
-    state: np.ndarray = field(default_factory=lambda: np.zeros(STATE_SIZE))
-    covariance: np.ndarray = field(default_factory=lambda: np.eye(STATE_SIZE))
+    state: np.ndarray = field(default_factory=lambda: np.zeros(STATE_SIZE + 1))
+    covariance: np.ndarray = field(default_factory=lambda: np.eye(STATE_SIZE + 1))
     gated_since: dict[str, float] = field(default_factory=dict)
+    disturbance: float = 0.0
+    """Additional spectral density of the compass bias [rad2/s]."""
 
     @property
-    def order(self) -> tuple[float, int]:
-        return self.time, -1 if self.measurement is None else KINDS.index(self.measurement.kind)
+    def order(self) -> tuple[Any, ...]:
+        sent = self.measurement
+        return (self.time, -1) if sent is None else (self.time, KINDS.index(sent.kind), sent.position or ())
 
 
 class Ekf:
@@ -115,6 +148,8 @@ class Ekf:
         gate: float = 0.999,
         patience: float = 2.0,
         max_ahead: float = 1.0,
+        bias_std: float = 0.0,
+        bias_drift: float = 0.0,
     ) -> None:
         """Initialize at the origin and time 0 with unit variances.
 
@@ -128,6 +163,10 @@ class Ekf:
             max_ahead: maximum lead of a measurement over the filter's clock [s], or inf; further ones are `too_new`.
                 The clock is the latest of the reset, applied measurements and times passed to `estimate`. Two sensors
                 that are only `too_new` or only `too_old` for `patience` seconds reset the clock.
+            bias_std: standard deviation of the compass bias at the reset [rad].
+            bias_drift: root spectral density of the random walk of the compass bias [rad/sqrt(s)]. With a positive
+                value, compass measurements that are only `gated` for `BIAS_PATIENCE` change the bias and not the
+                heading, as a magnetic disturbance does.
 
         Raises:
             ValueError: an argument is out of range.
@@ -135,7 +174,8 @@ class Ekf:
         for name, value in (("acceleration", acceleration), ("angular_acceleration", angular_acceleration)):
             if not 0.0 < value < math.inf:
                 raise ValueError(f"{name} must be positive and finite, got {value!r}")
-        for name, value in (("horizon", horizon), ("patience", patience)):
+        at_least_0 = {"horizon": horizon, "patience": patience, "bias_std": bias_std, "bias_drift": bias_drift}
+        for name, value in at_least_0.items():
             if not 0.0 <= value < math.inf:
                 raise ValueError(f"{name} must be finite and not negative, got {value!r}")
         if not max_ahead > 0.0:
@@ -143,8 +183,8 @@ class Ekf:
         if not 0.0 < gate < 1.0:
             raise ValueError(f"gate must lie in (0, 1), got {gate!r}")
         self._horizon, self._patience, self._max_ahead = horizon, patience, max_ahead
-        self._noise = np.square([*DRIFT, acceleration, angular_acceleration])
-        self._gates = {kind: float(2.0 * gammaincinv(0.5 * len(MEASURED[kind]), gate)) for kind in KINDS}
+        self._noise, self._bias_std = np.square([*DRIFT, acceleration, angular_acceleration, bias_drift]), bias_std
+        self._gates = [float(2.0 * gammaincinv(0.5 * size, gate)) for size in range(1, 4)]
         self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(STATE_SIZE))
 
     def reset(
@@ -159,11 +199,13 @@ class Ekf:
             ValueError: a value is not finite, or the covariance is invalid.
         """
         clock, time = (math.inf, 0.0) if time is None else (time, time)
-        state = np.array([pose.x, pose.y, float(wrap_angle(pose.theta)), v, w])
+        state = np.array([pose.x, pose.y, float(wrap_angle(pose.theta)), v, w, 0.0])
         if not (np.isfinite(state).all() and math.isfinite(time)):
             raise ValueError(f"pose, v, w and time must be finite, got {tuple(pose)}, {v!r}, {w!r}, {time!r}")
         covariance = np.array(covariance, dtype=np.float64)
         _require_covariance(covariance, STATE_SIZE)
+        covariance = np.pad(covariance, (0, 1))
+        covariance[BIAS, BIAS] = self._bias_std**2
         self._moments = [_Moment(time, None, "accepted", state, covariance)]
         self._counts: Counter[tuple[str, Verdict]] = Counter()
         self._clock, self._kinds = clock, set[Kind]()
@@ -249,35 +291,61 @@ class Ekf:
             raise ValueError(f"the filter's history starts at {self._moments[0].time:.3f} s, got {time!r} s")
         self._clock = max(self._clock, time)
         state, covariance = self._predict(self._moments[index - 1], time)
-        x, y, theta, v, w = state.tolist()
-        return Estimate(time, Pose2D(x, y, theta), v, w, 0.5 * (covariance + covariance.T))
+        x, y, theta, v, w, bias = state.tolist()
+        covariance = covariance[:STATE_SIZE, :STATE_SIZE]
+        return Estimate(time, Pose2D(x, y, theta), v, w, 0.5 * (covariance + covariance.T), bias)
 
     def _predict(self, before: _Moment, time: float) -> tuple[np.ndarray, np.ndarray]:
         state, covariance = before.state.copy(), before.covariance.copy()
         if time > before.time:
-            predict(state, covariance, time - before.time, self._noise, MAX_STEP)
+            noise = self._noise
+            if before.disturbance > 0.0:
+                noise = noise + before.disturbance * np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+            predict(state, covariance, time - before.time, noise, MAX_STEP)
         return state, covariance
 
     def _apply(self, before: _Moment, after: _Moment) -> None:
         measurement = after.measurement
         assert measurement is not None
-        kind, measured, noise = measurement.kind, MEASURED[measurement.kind], measurement.covariance
+        kind, noise = measurement.kind, measurement.covariance
         state, covariance = self._predict(before, after.time)
-        innovation, spread, length = _innovation_of(state, covariance, measured, measurement.values, noise)
         after.state, after.covariance, after.gated_since = state, covariance, dict(before.gated_since)
-        if length > self._gates[kind]:
+        if measurement.position is None:
+            jacobian = JACOBIANS[kind]
+            expected = jacobian @ state
+        else:
+            expected, jacobian = see_landmark(state, *measurement.position)
+            expected, jacobian = expected[: len(noise)], jacobian[: len(noise)]
+        if math.isnan(expected[0]):
+            after.verdict = "unusable"
+            return
+        compared = expected, jacobian, measurement.values, noise, HEADINGS[kind]
+        innovation, spread, length = _innovation_of(covariance, *compared)
+        after.disturbance = before.disturbance * math.exp((before.time - after.time) / DISTURBED_TIME)
+        has_bias = self._noise[BIAS] > 0.0
+        if kind == "map" and has_bias and innovation[2] ** 2 > DISTURBED**2 * spread[2, 2]:
+            shifted = covariance + innovation[2] ** 2 * np.outer(SHIFTED, SHIFTED)
+            found = _innovation_of(shifted, *compared)
+            if found[2] <= self._gates[2]:
+                covariance[:], (innovation, spread, length) = shifted, found
+                after.disturbance = max(after.disturbance, innovation[2] ** 2 / DISTURBED_INTERVAL)
+        if length > self._gates[len(noise) - 1]:
             since = after.gated_since.setdefault(kind, after.time)
-            if after.time - since < self._patience or after.time == since:
+            is_bias = kind == "compass" and has_bias
+            if after.time - since < (BIAS_PATIENCE if is_bias else self._patience) or after.time == since:
                 after.verdict = "gated"
                 return
             # Inflate the prior to the size of the innovation.
-            covariance[measured, measured] += innovation**2
-            spread[np.diag_indices(len(measured))] += innovation**2
+            inflation = innovation**2 @ jacobian**2
+            inflation[: BIAS if is_bias else 0] = 0.0
+            inflation[BIAS] *= is_bias
+            covariance += np.diag(inflation)
+            innovation, spread, length = _innovation_of(covariance, *compared)
             after.verdict = "recovered"
         else:
             after.verdict = "accepted"
         after.gated_since.pop(kind, None)
-        after.covariance = _correct(state, covariance, measured, innovation, spread, noise)
+        after.covariance = _correct(state, covariance, jacobian, innovation, spread, noise)
 
 
 def _tally(moments: list[_Moment]) -> Counter[tuple[str, Verdict]]:
@@ -298,53 +366,65 @@ def _require_covariance(covariance: np.ndarray, size: int) -> None:
 def predict(state, covariance, duration, noise, max_step):
     """Predict state and covariance in place, `duration` [s] ahead: equations (2) and (3), P = F P F^T + Q.
 
-    `noise`: spectral density of each state's process noise, shape (5,) [squared unit / s].
+    `noise`: spectral density of each state's process noise, shape (6,) [squared unit / s].
     """
     num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
     dt = duration / num_steps
-    for _ in range(num_steps):
+    for step in range(num_steps):
         c, s = math.cos(state[THETA]), math.sin(state[THETA])
         turn_x, turn_y = -state[V] * dt * s, state[V] * dt * c
         state[X] += state[V] * dt * c
         state[Y] += state[V] * dt * s
         state[THETA] += state[W] * dt
         # F P by rows, then (F P) F^T by columns; five elements of F differ from the identity.
-        for j in range(STATE_SIZE):
+        for j in range(STATE_SIZE + 1):
             covariance[X, j] += turn_x * covariance[THETA, j] + dt * c * covariance[V, j]
             covariance[Y, j] += turn_y * covariance[THETA, j] + dt * s * covariance[V, j]
             covariance[THETA, j] += dt * covariance[W, j]
-        for i in range(STATE_SIZE):
+        for i in range(STATE_SIZE + 1):
             covariance[i, X] += turn_x * covariance[i, THETA] + dt * c * covariance[i, V]
             covariance[i, Y] += turn_y * covariance[i, THETA] + dt * s * covariance[i, V]
             covariance[i, THETA] += dt * covariance[i, W]
             covariance[i, i] += noise[i] * dt
+        if step * dt >= TURN_HOLD:
+            decay = math.exp(-dt / TURN_DECAY)
+            state[W] *= decay
+            covariance[W] *= decay
+            covariance[:, W] *= decay
     state[THETA] = wrap_angle(state[THETA])
 
 
 @njit(cache=True, error_model="numpy")
-def _innovation_of(state, covariance, measured, values, noise):
-    size = measured.shape[0]
-    innovation, spread = np.empty(size), np.empty((size, size))
-    for i in range(size):
-        innovation[i] = values[i] - state[measured[i]]
-        if measured[i] == THETA:
-            innovation[i] = wrap_angle(innovation[i])
-        for j in range(size):
-            spread[i, j] = covariance[measured[i], measured[j]] + noise[i, j]
+def see_landmark(state, x, y):
+    """Return range and bearing of a landmark at (x, y) from the base, shape (2,), and their Jacobian, shape (2, 6).
+
+    Both are NaN within `MIN_DISTANCE`.
+    """
+    dx, dy = x - state[X], y - state[Y]
+    distance = math.hypot(dx, dy)
+    jacobian = np.zeros((2, STATE_SIZE + 1))
+    if distance < MIN_DISTANCE:
+        return np.full(2, np.nan), np.full_like(jacobian, np.nan)
+    jacobian[0, X], jacobian[0, Y] = -dx / distance, -dy / distance
+    jacobian[1, X], jacobian[1, Y], jacobian[1, THETA] = dy / distance**2, -dx / distance**2, -1.0
+    return np.array([distance, wrap_angle(math.atan2(dy, dx) - state[THETA])]), jacobian
+
+
+@njit(cache=True, error_model="numpy")
+def _innovation_of(covariance, expected, jacobian, values, noise, heading):
+    innovation = values - expected
+    if 0 <= heading < innovation.shape[0]:
+        innovation[heading] = wrap_angle(innovation[heading])
+    spread = np.dot(np.dot(jacobian, covariance), np.ascontiguousarray(jacobian.T)) + noise
     return innovation, spread, np.dot(innovation, np.linalg.solve(spread, innovation))
 
 
 @njit(cache=True, error_model="numpy")
-def _correct(state, covariance, measured, innovation, spread, noise):
-    size = measured.shape[0]
-    rows = np.empty((size, STATE_SIZE))
-    for i in range(size):
-        rows[i] = covariance[measured[i]]
+def _correct(state, covariance, jacobian, innovation, spread, noise):
+    rows = np.dot(jacobian, covariance)
     gain = np.ascontiguousarray(np.linalg.solve(spread, rows).T)
     state += np.dot(gain, innovation)
-    state[THETA] = wrap_angle(state[THETA])
-    kept = np.eye(STATE_SIZE)
-    for i in range(size):
-        kept[:, measured[i]] -= gain[:, i]
+    state[THETA], state[BIAS] = wrap_angle(state[THETA]), wrap_angle(state[BIAS])
+    kept = np.eye(STATE_SIZE + 1) - np.dot(gain, jacobian)
     corrected = kept @ covariance @ kept.T + gain @ noise @ gain.T
     return 0.5 * (corrected + corrected.T)

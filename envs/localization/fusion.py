@@ -22,15 +22,30 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
 """Sensors that the Kalman filter fuses, by name of the combination; none for `amcl`, which is AMCL without filter."""
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
-MAP_STD = (0.025, 0.025, 0.003)
-"""Extra standard deviation of AMCL poses in the Kalman filter [m, m, rad], as successive errors are correlated."""
+MAP_STD, MAP_HEADING_STD = 1.0, 0.001
+"""Extra standard deviation of AMCL poses in the Kalman filter, as successive errors are correlated: position [map
+cells], heading [rad]."""
+BIAS_STD, BIAS_DRIFT = 1.0, 0.1
+"""Assumed bias of the compass in standard deviations of its noise: standard deviation at the start, and root spectral
+density of its random walk [1/sqrt(s)]."""
+ACCELERATION_TIME = 0.06
+"""Assumed duration of an acceleration at the limit of the robot [s]."""
 MIN_HEADING_STD = 1e-4
 """Minimum standard deviation of compass headings [rad]."""
 
 
 def make_filter(robot: RobotParams) -> Ekf:
     """Return an extended Kalman filter with process noise from the robot's acceleration limits."""
-    return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w, max_ahead=math.inf)
+    root = math.sqrt(ACCELERATION_TIME)
+    accelerations = {"acceleration": root * robot.max_acc_v, "angular_acceleration": root * robot.max_acc_w}
+    noise = math.sqrt(compass_variance(robot)) if robot.imu.has_compass else 0.0
+    return Ekf(**accelerations, max_ahead=math.inf, bias_std=BIAS_STD * noise, bias_drift=BIAS_DRIFT * noise)
+
+
+def compass_variance(robot: RobotParams) -> float:
+    """Return the variance of one compass heading by noise and rounding [rad2]."""
+    # Variance of uniform rounding errors: step^2 / 12.
+    return robot.imu.compass_std**2 + robot.imu.compass_resolution**2 / 12.0 + MIN_HEADING_STD**2
 
 
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
@@ -61,9 +76,8 @@ def measure_heading(robot: RobotParams, time: float, period: float, before: floa
 
     Without earlier heading (NaN), the yaw rate gets a large variance.
     """
-    imu = robot.imu
-    # Standard deviation of uniform rounding errors: step / sqrt(12).
-    variance = imu.compass_std**2 + imu.compass_resolution**2 / 12.0 + MIN_HEADING_STD**2
+    # Each heading is part of two measurements, with half the weight.
+    variance = 2.0 * compass_variance(robot)
     rate, lag = wrap_angle(heading - before) / period, 0.5 * robot.max_acc_w * period
     rate_variance, common = 2.0 * variance / period**2 + lag**2 / 3.0, variance / period
     if math.isnan(rate) and not math.isnan(heading):
@@ -91,13 +105,14 @@ class FusedPose:
         self.measurements: list[Measurement] = []
         """Measurements received at the last `update`, including those that the filter does not use."""
         self.localized: Estimate
-        """Unfiltered estimate at the last `update`: pose by AMCL, speed and yaw rate by encoders."""
+        """Unfiltered estimate at the last `update`: last received AMCL pose and the odometry since then; speed and yaw
+        rate by encoders."""
         self.estimate: Estimate
         self.belief: Belief
         self.north = math.nan
         """Compass heading of the map's x axis [rad]; set before `reset`."""
         self._robot, self._kinds, self._latency = robot, FUSIONS[fusion], latency
-        self._delayed: deque[tuple[float, Measurement]] = deque()
+        self._delayed: deque[tuple[float, Measurement, Pose2D]] = deque()
 
     def reset(
         self,
@@ -112,6 +127,7 @@ class FusedPose:
             self._start[:3] = np.diag(covariance)
         self._last: Reading | None = None
         self._delayed.clear()
+        self._odometry, self._odometry_frame = ORIGIN, pose
         located = self.localizer.reset(rng, pose, map, np.diag(self._start[:3]))
         self.belief = Belief(pose, located.grid)
         return self.belief
@@ -127,8 +143,14 @@ class FusedPose:
             ValueError: time stamps do not increase.
         """
         last, self._last = self._last, reading
+        motion = motion if last else ORIGIN
+        localized, self._odometry = self.localizer.update(reading, motion), self._odometry.compose(motion)
+        if self.localizer.is_corrected and not localized.is_lost:
+            error = MAP_STD * localized.grid.resolution
+            covariance = localized.covariance + np.diag(np.square([error, error, MAP_HEADING_STD]))
+            measurement = Measurement(reading.time, "map", np.array(localized.pose), covariance)
+            self._delayed.append((reading.time + self._latency, measurement, self._odometry))
         if last is None:
-            self.localizer.update(reading, ORIGIN)
             self.ekf.reset(self.belief.pose, np.diag(self._start), time=reading.time)
             self.measurements, self._heading = [], math.nan
             self.estimate = self.localized = Estimate(reading.time, self.belief.pose, 0.0, 0.0, np.diag(self._start))
@@ -136,23 +158,20 @@ class FusedPose:
         period = reading.time - last.time
         if not period > 0.0:
             raise ValueError(f"time must increase between readings, got {reading.time!r} s after {last.time!r} s")
-        localized = self.localizer.update(reading, motion)
         counts = reading.ticks[0] - last.ticks[0], reading.ticks[1] - last.ticks[1]
         wheels = measure_wheels(self._robot, reading.time, period, counts)
         self.measurements = [wheels]
         if self._robot.imu.has_compass:
             before, self._heading = self._heading, wrap_angle(reading.heading - self.north)
             self.measurements.append(measure_heading(self._robot, reading.time, period, before, self._heading))
-        if self.localizer.is_corrected and not localized.is_lost:
-            covariance = localized.covariance + np.diag(np.square(MAP_STD))
-            measurement = Measurement(reading.time, "map", np.array(localized.pose), covariance)
-            self._delayed.append((reading.time + self._latency, measurement))
         while self._delayed and self._delayed[0][0] <= reading.time + 1e-9:
-            self.measurements.append(self._delayed.popleft()[1])
+            _, measurement, odometry = self._delayed.popleft()
+            self.measurements.append(measurement)
+            self._odometry_frame = Pose2D(*measurement.values).compose(odometry.inverse())
         covariance = np.zeros((STATE_SIZE, STATE_SIZE))
         covariance[:3, :3], covariance[3:, 3:] = localized.covariance, wheels.covariance
         v, w = wheels.values.tolist()
-        self.localized = Estimate(reading.time, localized.pose, v, w, covariance)
+        self.localized = Estimate(reading.time, self._odometry_frame.compose(self._odometry), v, w, covariance)
         for measurement in self.measurements:
             if measurement.kind in self._kinds:
                 self.ekf.add(measurement)

@@ -219,7 +219,14 @@ class ImuParams:
     has_compass: bool = False
     """Whether the robot has a compass."""
     compass_std: NotNegative = 0.0
-    """Standard deviation of the compass noise [rad]."""
+    """Standard deviation of the compass noise [rad], independent in each control period."""
+    compass_offset: float = 0.0
+    """Constant error of the compass, such as that of its mounting [rad]."""
+    compass_deviation: NotNegative = 0.0
+    """Amplitude A of the compass deviation, the error A sin(heading - phase) by magnetic parts of the robot (hard iron)
+    [rad]. Magnetic sources of the world are in its world file (`magnets`)."""
+    compass_deviation_phase: float = 0.0
+    """Heading in the world frame without deviation [rad]."""
     compass_resolution: NotNegative = 0.0
     """Compass resolution (rounding step) [rad]; 0 for no rounding."""
 

@@ -106,12 +106,12 @@ def advance(state, command, normals, robot, segments, circles):
 
 
 @njit(cache=True, error_model="numpy")
-def step_robots(rows, draws, ranges, segments, circles, crowd):
+def step_robots(rows, draws, ranges, segments, circles, magnets, crowd):
     """Move people and robots of a world by one control period, and simulate the sensors.
 
     People move first and stop at robots. Robots move one after another. `rows`: state vectors, updated. `ranges`:
-    output, lidar ranges [m]. `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m]. `crowd`:
-    `People.arrays`, or None without people.
+    output, lidar ranges [m]. `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m]. `magnets`:
+    `World.magnets`. `crowd`: `People.arrays`, or None without people.
     """
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
     radius = robot.radius
@@ -137,7 +137,7 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
                 peer = j - num_fixed + (j - num_fixed >= k)
                 rows[peer, at.TOUCHED] = max(rows[peer, at.TOUCHED], 1.0)
     seen = circles if crowd is None else with_bodies(circles, crowd[0], crowd[3])
-    sense(rows, draws, ranges, segments, seen)
+    sense(rows, draws, ranges, segments, seen, magnets)
 
 
 class KinematicSimulator(Simulator):
@@ -151,4 +151,5 @@ class KinematicSimulator(Simulator):
 
     def _move(self, world: World) -> None:
         rows, crowd = self.rows, self.crowd.arrays if len(self.crowd.rows) else None
-        step_robots(rows.numbers, rows.draws, rows.ranges, world.segments, world.circles, crowd)
+        surroundings = world.segments, world.circles, world.magnets
+        step_robots(rows.numbers, rows.draws, rows.ranges, *surroundings, crowd)

@@ -45,6 +45,9 @@ _SOURCES = {
     "gyro_std": "imu.gyro_std",
     "has_compass": "imu.has_compass",
     "compass_std": "imu.compass_std",
+    "compass_offset": "imu.compass_offset",
+    "compass_deviation": "imu.compass_deviation",
+    "compass_deviation_phase": "imu.compass_deviation_phase",
     "compass_resolution": "imu.compass_resolution",
 }
 
@@ -126,5 +129,5 @@ def robot_record(robot: RobotParams, control_period: float) -> Any:
 
 @njit(cache=True)
 def unpack_robot(numbers):
-    """Convert an array of robot parameters, shape (30,), float64, to a `RobotRecord` with named fields."""
+    """Convert an array of robot parameters, shape (RECORD_SIZE,), float64, to a `RobotRecord` with named fields."""
     return RobotRecord(*as_tuple(numbers, RECORD_SIZE))

@@ -93,7 +93,24 @@ def with_peers(circles, states, index, radius):
 
 
 @njit(cache=True, error_model="numpy")
-def sense(rows, draws, ranges, segments, circles):
+def measure_heading(pose, normal, robot, magnets):
+    """Return the compass heading of a robot at a pose (x, y, theta) in the world frame [rad].
+
+    `normal`: standard normal number for noise. `magnets`: magnetic sources, see `World.magnets`.
+    """
+    heading = pose[2] + robot.compass_offset
+    heading += robot.compass_deviation * math.sin(pose[2] - robot.compass_deviation_phase)
+    for k in range(magnets.shape[0]):
+        distance = math.hypot(pose[0] - magnets[k, 0], pose[1] - magnets[k, 1])
+        heading += magnets[k, 2] * max(distance, 1.0) ** -magnets[k, 3]
+    heading += robot.compass_std * normal
+    if robot.compass_resolution > 0.0:
+        heading = robot.compass_resolution * math.floor(heading / robot.compass_resolution + 0.5)
+    return wrap_angle(heading)
+
+
+@njit(cache=True, error_model="numpy")
+def sense(rows, draws, ranges, segments, circles, magnets):
     """Simulate all sensors of all robots except contact.
 
     Args:
@@ -102,6 +119,7 @@ def sense(rows, draws, ranges, segments, circles):
         ranges: output, shape (num_robots, num_beams), float32 [m].
         segments: walls (x0, y0, x1, y1), shape (n, 4), float64 [m].
         circles: obstacles and people (x, y, radius), shape (m, 3), float64 [m].
+        magnets: magnetic sources that disturb compasses, shape (k, 4), float64, see `World.magnets`.
     """
     robot = at.unpack_robot(rows[0, at.ROBOT :])
     for k in range(rows.shape[0]):
@@ -112,10 +130,4 @@ def sense(rows, draws, ranges, segments, circles):
         row[at.LEFT_TICKS] = math.floor(row[at.LEFT_ANGLE] * robot.ticks_per_radian)
         row[at.RIGHT_TICKS] = math.floor(row[at.RIGHT_ANGLE] * robot.ticks_per_radian)
         row[at.YAW_RATE] = row[at.MEAN_W] + row[at.GYRO_BIAS] + robot.gyro_std * noise[GYRO]
-        heading = np.nan
-        if robot.has_compass:
-            heading = row[at.THETA] + robot.compass_std * noise[COMPASS]
-            if robot.compass_resolution > 0.0:
-                heading = robot.compass_resolution * math.floor(heading / robot.compass_resolution + 0.5)
-            heading = wrap_angle(heading)
-        row[at.HEADING] = heading
+        row[at.HEADING] = measure_heading(row, noise[COMPASS], robot, magnets) if robot.has_compass else np.nan

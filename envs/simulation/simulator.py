@@ -124,7 +124,7 @@ class Simulator(ABC):
     def sense(self) -> None:
         rows, world = self.rows, self._reset_world()
         visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
-        sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible)
+        sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible, world.magnets)
 
     def _readings(self) -> list[Reading]:
         return [self.rows.reading(k) for k in range(len(self.rows.numbers))]

@@ -1,22 +1,24 @@
 import functools
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Estimator
+from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.estimation.motion import WheelMotion
-from lidarnaut.envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
+from lidarnaut.envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.simulation import make_simulator
-from lidarnaut.envs.slam import TinySlam, load_params, make_slam
+from lidarnaut.envs.simulation import Reading, make_simulator
+from lidarnaut.envs.slam import KnownPoses, base_name, load_params, make_slam
+from lidarnaut.envs.slam.scan_alignment import align_scans
 from lidarnaut.envs.worlds import World
 
 from .route import END, Progress, Route, steer
 
-PRESET = Path(__file__).parent / "route_map.yaml"
-"""File of TinySLAM parameters for a mapping drive with a compass."""
 LOOKAHEAD = 0.6
 """Lookahead distance of pure pursuit in the mapping drive [m]."""
 UPDATE_DISTANCE = 0.2
@@ -42,7 +44,7 @@ def make_route_map(
     world: World,
     robot: RobotParams,
     physics: str,
-    slam: str,
+    slam: Any,
     path: bytes,
     resolution: float,
     control_period: float,
@@ -50,25 +52,22 @@ def make_route_map(
 ) -> RouteMap:
     """Drive along a route, map it with a SLAM, and return the map (cached).
 
-    The SLAM gets wheel odometry and compass headings. Scans are mapped at intervals, to limit the drift from scan
-    noise. `path`: bytes of route points, float64, shape (n, 2), world frame [m]; `resolution`: map cell size [m].
+    The SLAM gets wheel odometry, and the compass is not used. Scans are mapped at intervals, to limit the drift from
+    scan noise. After the drive, all scans are aligned with each other (`align_scans`), except with the SLAMs `truth`
+    and `odometry`, whose poses are used as they are.
+    `path`: bytes of route points, float64, shape (n, 2), world frame [m]; `resolution`: map cell size [m].
     RuntimeError if the robot does not reach the end.
     """
     route = Route.of(np.frombuffer(path).reshape(-1, 2))
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
     simulator = make_simulator(physics, robot, control_period)
     reading = simulator.reset(world, [route.start], [simulator_rng])[0]
-    if slam == "tinyslam" and robot.imu.has_compass:
-        mapper: Estimator = TinySlam(robot.lidar, load_params(PRESET, {"resolution": resolution}))
-    else:
-        mapper = make_slam(slam, robot.lidar, resolution, odometry_noise=robot.odometry.noise)
+    name, mapper = base_name(slam), make_slam(slam, robot.lidar, odometry_noise=robot.odometry.noise)
     mapper.reset(slam_rng)
     wheels = WheelMotion(robot)
     wheels.reset(reading)
-    uses_compass = robot.imu.has_compass and slam != "truth"
-    beliefs = [mapper.update(reading, ORIGIN).pose]
-    headings = [reading.heading]
-    progress, truth, motion, heading = Progress(route), route.start, ORIGIN, reading.heading
+    poses, readings = [mapper.update(reading, ORIGIN).pose], [reading]
+    progress, truth, motion = Progress(route), route.start, ORIGIN
     # twice the time at maximum speed, plus 30 s
     steps_left = round((2.0 * route.length / robot.max_v + 30.0) / control_period)
     while progress.update(truth)[0] < route.length - END:
@@ -81,30 +80,29 @@ def make_route_map(
         before = truth
         reading = simulator.step([steer(progress, truth, robot.max_v, LOOKAHEAD)])[0]
         truth = simulator.states[0].pose
-        step = before.between(truth) if slam == "truth" else wheels.update(reading)
-        if uses_compass:
-            step, heading = _turned(step, reading.heading - heading), reading.heading
-        motion = motion.compose(step)
+        motion = motion.compose(before.between(truth) if name == "truth" else wheels.update(reading))
         if math.hypot(motion.x, motion.y) < UPDATE_DISTANCE and abs(motion.theta) < UPDATE_ANGLE:
             continue
-        if uses_compass:
-            # Absolute headings correct earlier matching errors.
-            turned = reading.heading - headings[0] - mapper.belief.pose.theta
-            motion = motion._replace(theta=float(wrap_angle(turned)))
-        beliefs.append(mapper.update(reading, motion).pose)
-        headings.append(reading.heading)
+        poses.append(mapper.update(reading, motion).pose)
+        readings.append(reading)
         motion = ORIGIN
     simulator.close()
-    poses, grid = np.array(beliefs), mapper.belief.grid
-    _clear_driven(grid, poses, 0.5 * robot.radius)
-    offset = np.mean(np.exp(1j * (np.array(headings) - poses[:, 2])))
-    return RouteMap(grid, math.atan2(offset.imag, offset.real), poses)
+    found = np.array(poses)
+    if name not in ("truth", "odometry"):
+        found = align_scans(np.array([reading.ranges for reading in readings]), found, robot.lidar)
+    grid = _draw(robot, readings, found, resolution)
+    _clear_driven(grid, found, 0.5 * robot.radius)
+    offset = np.mean(np.exp(1j * (np.array([reading.heading for reading in readings]) - found[:, 2])))
+    return RouteMap(grid, math.atan2(offset.imag, offset.real), found)
 
 
-def _turned(motion: Pose2D, turn: float) -> Pose2D:
-    turn = float(wrap_angle(turn))
-    length = math.copysign(math.hypot(motion.x, motion.y), motion.x)
-    return Pose2D(length * math.cos(0.5 * turn), length * math.sin(0.5 * turn), turn)
+def _draw(robot: RobotParams, readings: Sequence[Reading], poses: np.ndarray, resolution: float) -> OccupancyGrid:
+    changes = {"resolution": resolution, "hole_width": 0.04, "min_travel_distance": 0.0}
+    mapper, before = KnownPoses(robot.lidar, load_params("default", changes)), ORIGIN
+    for reading, pose in zip(readings, itertools.starmap(Pose2D, poses.tolist()), strict=True):
+        mapper.update(reading, before.between(pose))
+        before = pose
+    return crop_to_known(mapper.belief.grid)
 
 
 def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None:

@@ -2,13 +2,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.arguments import check_positive
+from lidarnaut.envs.arguments import check_positive, is_pose
 from lidarnaut.envs.estimation import ORIGIN
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.localization import Amcl, AmclParams
 from lidarnaut.envs.localization.fusion import FusedPose, start_covariance
@@ -18,24 +19,24 @@ from lidarnaut.envs.robot import Prior, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.task import ObservationPart, Task
-from lidarnaut.envs.worlds import World, load_world
+from lidarnaut.envs.worlds import World, load_map, load_world
 
 from .route import END, Progress, Route, rectangle
 from .route_map import make_route_map
 
 AMCL_PARAMS = AmclParams(
     sensor="likelihood_field_prob",
-    max_beams=180,
-    sigma_hit=0.1,
+    max_beams=540,
+    sigma_hit=0.05,
     squash=4.0,
     alpha1=0.05,
     alpha2=0.01,
     alpha3=0.02,
     alpha4=0.01,
-    update_min_d=0.2,
+    update_min_d=0.1,
     update_min_a=0.1,
 )
-"""Parameters of AMCL with a sharper sensor model than Nav2's defaults, for map cells of 0.02 m."""
+"""Parameters of AMCL with a sharper sensor model than Nav2's defaults, for map cells of 0.01 m."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -88,9 +89,11 @@ class Track(Task):
     | `world` | `"workshop_hall"` | library world, path of a world YAML or of a `map_server` YAML, or a `World` |
     | `path` | `None` | points (x, y), world frame [m]; `None` for the rectangle from the world's first spawn |
     | `fusion` | `"full"` | inputs of the pose estimate: `"full"` (map, encoders, compass if available), `"encoder_compass"`, `"encoder"`, or `"amcl"` |
-    | `slam` | `"tinyslam"` | SLAM that makes the map |
+    | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` for the map of a mapping drive |
+    | `map_pose` | `(0, 0, 0)` | pose of the frame of `map`, world frame |
+    | `slam` | `"hector"` | SLAM of the mapping drive, also with parameters (`tinyslam?sigma_xy=0.02`) |
     | `map_seed` | `0` | seed of the mapping drive |
-    | `map_resolution` | `0.02` | size of a map cell [m] |
+    | `map_resolution` | `0.01` | size of a map cell [m] |
     | `map_latency` | `0.1` | latency of AMCL [s] |
     | `max_deviation` | `2.0` | distance from the route that ends the episode [m] |
     | `start_spread` | `(0.02, 0.02)` | see Starting State [m, rad] |
@@ -107,9 +110,11 @@ class Track(Task):
     world: str | World = "workshop_hall"
     path: Any = None
     fusion: str = "full"
-    slam: Any = "tinyslam"
+    map: str | Path | OccupancyGrid | None = None
+    map_pose: Any = (0.0, 0.0, 0.0)
+    slam: Any = "hector"
     map_seed: int = 0
-    map_resolution: float = 0.02
+    map_resolution: float = 0.01
     map_latency: float = 0.1
     max_deviation: float = 2.0
     start_spread: tuple[float, float] = (0.02, 0.02)
@@ -125,7 +130,10 @@ class Track(Task):
         super().attach(robot, control_period, physics)
         self._world = self.world if isinstance(self.world, World) else load_world(self.world)
         self.route_world = Route.of(rectangle(self._world.spawns[0]) if self.path is None else self.path)
-        self.map_pose = self.route_world.start
+        if not is_pose(self.map_pose):
+            raise ValueError(f"map_pose must be (x, y, theta), got {self.map_pose!r}")
+        self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
+        self.map_pose = self.route_world.start if self._map is None else Pose2D(*map(float, self.map_pose))
         self.route = self.route_world.seen_from(self.map_pose)
 
     def default_observations(self) -> Sequence[str]:
@@ -155,19 +163,23 @@ class Track(Task):
             raise ValueError("the start of a route cannot change at a reset; make another environment")
         spread, turn = self.start_spread
         offset = Pose2D(*(rng.standard_normal(3) * (spread, spread, turn)).tolist())
-        self.starts = [self.map_pose.compose(offset)]
+        self.starts = [self.route_world.start.compose(offset)]
         return self.starts
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         """Return the known map and the robot's initial pose for the localizer.
 
-        The map comes from a simulated mapping drive at the first call.
+        Without `map`, the map comes from a simulated mapping drive at the first call.
         """
+        covariance = start_covariance(*self.start_spread)[:3, :3]
+        if self._map is not None:
+            self._fused.north = self.map_pose.theta
+            return Prior(self.map_pose.between(self.route_world.start), self._map, covariance)
         drive = self.physics, self.slam, self.route_world.points.tobytes()
         made_with = self.map_resolution, self.control_period, self.map_seed
         route_map = make_route_map(self._world, self.robot, *drive, *made_with)
         self._fused.north = route_map.north
-        return Prior(ORIGIN, route_map.grid, start_covariance(*self.start_spread)[:3, :3])
+        return Prior(ORIGIN, route_map.grid, covariance)
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]

@@ -68,7 +68,7 @@ class Batch:
         self._names: Iterable[str] = ()  # names of reward quantities
         self._levels: dict[float, Any] = {}
         self.surroundings: Any = None
-        """Numba list of the wall segments, circular obstacles and people of each sub-environment."""
+        """Numba list of the wall segments, circular obstacles, magnets and people of each sub-environment."""
 
     def bind(self, indices: Sequence[int]) -> None:
         """Connect sub-environments to the shared arrays after a reset: robot states, worlds, task data, time limits."""
@@ -246,7 +246,8 @@ class Batch:
 
 
 def _surroundings(env: Any) -> tuple[Any, ...]:
-    return np.array(env.world.segments), np.array(env.world.circles), env.simulator.crowd.arrays
+    world = env.world
+    return *(np.array(rows) for rows in (world.segments, world.circles, world.magnets)), env.simulator.crowd.arrays
 
 
 def _has_own(thing: Any, by_rows: str, *one_by_one: str, of: str = "") -> bool:

@@ -1,5 +1,5 @@
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
@@ -54,6 +54,9 @@ class World:
     """Changes made to the source geometry, such as closed gaps."""
     map: OccupancyGrid | None = None
     """Map that the world was built from, if any."""
+    magnets: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+    """Magnetic sources (x, y, strength, decay) that disturb compasses: shape (k, 4), float64. A source adds an error of
+    `strength` [rad] to headings within 1 m, and of strength / distance^decay beyond."""
 
     def scaled(self, factor: float) -> "World":
         """Return the world scaled by `factor` in x and y, including the speeds of people."""
@@ -61,6 +64,7 @@ class World:
             self,
             segments=factor * self.segments,
             circles=factor * self.circles,
+            magnets=np.column_stack([self.magnets[:, :2] * factor, self.magnets[:, 2:]]),
             spawns=tuple(Pose2D(factor * x, factor * y, theta) for x, y, theta in self.spawns),
             goals=tuple(Pose2D(factor * x, factor * y, theta) for x, y, theta in self.goals),
             optimal_length=None if self.optimal_length is None else factor * self.optimal_length,

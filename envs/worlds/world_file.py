@@ -10,6 +10,8 @@ from lidarnaut.envs.geometry import Pose2D
 from .raster import check_world
 from .world import MAX_COORDINATE, FixedRoute, World, box, edges
 
+DIPOLE_DECAY = 3.0
+"""Exponent of the decay of a magnetic dipole's field with distance."""
 MAX_SPEED = 100.0
 """Maximum speed of a person on a fixed route [m/s]."""
 
@@ -92,6 +94,9 @@ class WorldFile(BaseModel):
     """Vertical cylinders."""
     people: list[RouteFile] = []
     """People on closed polylines at constant speed."""
+    magnets: Annotated[Rows, _columns("x, y, strength, decay", positive=(3,), optional=1)] = []
+    """Magnetic sources that disturb compasses: position, heading error within 1 m, and exponent of its decay with
+    distance (3 for a dipole, the default)."""
     closures: Annotated[Rows, _columns("x0, y0, x1, y1")] = []
     """Thin walls that close gaps of the source geometry."""
 
@@ -138,6 +143,7 @@ def build_world(name: str, file: WorldFile) -> World:
         name=name,
         segments=np.ascontiguousarray(segments, dtype=np.float64),
         circles=circles,
+        magnets=np.array([(*row, DIPOLE_DECAY)[:4] for row in file.magnets]).reshape(-1, 4),
         spawns=tuple(Pose2D(*row) for row in file.spawns),
         bounds=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
         people=tuple(

@@ -6,7 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
-from lidarnaut.envs.localization.ekf import DRIFT, KINDS, MEASURED, Ekf, Measurement
+from lidarnaut.envs.localization.ekf import DRIFT, MEASURED, Ekf, Measurement, see_landmark
+
+KINDS = tuple(MEASURED)
 
 SPREAD = np.array([*DRIFT, 0.3, 0.6])
 """Square roots of the densities of the process noise."""
@@ -127,7 +129,7 @@ def test_too_late_and_missing_ones_are_refused_and_counted():
     assert ekf.add(measure(1.4, "map", 5.0, 5.0, 1.0)) == "too_old"
     assert ekf.add(measure(1.6, "compass", 0.0, 0.0)) == "accepted"
     expected = {"map": {"too_old": 1}, "encoder": {"accepted": 1}, "compass": {"accepted": 1, "unusable": 1}}
-    assert ekf.counts == expected
+    assert ekf.counts == {**expected, "landmark": {}}
     assert before.pose == pytest.approx(ekf.estimate().pose, abs=1e-3)
     ekf.reset(ORIGIN, START)  # after a clock was set back
     assert ekf.add(measure(0.1, "encoder", 0.3, 0.0)) == "accepted"
@@ -259,7 +261,7 @@ def test_wrong_clocks_cost_no_good_measurements_for_long(stamps, has_clock):
 positive = st.floats(1e-3, 3.0)
 measurements = st.tuples(
     st.floats(-0.5, 3.0),
-    st.sampled_from(KINDS),
+    st.sampled_from((*KINDS, "landmark")),
     st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3),
     st.lists(positive, min_size=3, max_size=3),
     st.floats(-0.9, 0.9),
@@ -273,15 +275,17 @@ def test_single_outliers_far_apart_never_pass_for_a_recovery():
         assert ekf.add(measure(5.0 * k + 2.6, "map", 50.0, 0.0, 0.0)) == "gated"
 
 
-@given(st.lists(measurements, max_size=25), st.floats(0.5, 1.0 - 1e-9), st.floats(0.0, 2.0))
+@given(
+    st.lists(measurements, max_size=25), st.floats(0.5, 1.0 - 1e-9), st.floats(0.0, 2.0), st.sampled_from([0.0, 0.01])
+)
 @settings(deadline=None, max_examples=150)
-def test_covariance_stays_symmetric_and_positive_definite(sequence, gate, patience):
-    ekf = started(gate=gate, patience=patience, max_ahead=3.0)
+def test_covariance_stays_symmetric_and_positive_definite(sequence, gate, patience, bias):
+    ekf = started(gate=gate, patience=patience, max_ahead=3.0, bias_std=bias, bias_drift=bias)
     for delay, kind, values, spreads, correlation in sequence:
-        size = len(MEASURED[kind])
+        size, position = (2, (1.0, 0.5)) if kind == "landmark" else (len(MEASURED[kind]), None)
         noise = np.diag(np.square(spreads[:size]))
         noise[0, 1] = noise[1, 0] = correlation * spreads[0] * spreads[1]
-        verdict = ekf.add(Measurement(ekf.time + delay, kind, np.array(values[:size]), noise))
+        verdict = ekf.add(Measurement(ekf.time + delay, kind, np.array(values[:size]), noise, position))
         assert verdict in ("accepted", "recovered", "gated", "too_old")
         for estimate in (ekf.estimate(), ekf.estimate(ekf.time + 0.5)):
             assert (estimate.covariance == estimate.covariance.T).all()
@@ -296,6 +300,11 @@ def test_covariance_stays_symmetric_and_positive_definite(sequence, gate, patien
         (lambda: Ekf(gate=1.0), "gate"),
         (lambda: Ekf(acceleration=0.0), "acceleration"),
         (lambda: Ekf(horizon=-1.0), "horizon"),
+        (lambda: Ekf(bias_std=-0.1), "bias_std"),
+        (lambda: Ekf(bias_drift=math.inf), "bias_drift"),
+        (lambda: Measurement(0.0, "landmark", np.zeros(2), np.eye(2)), "landmark has a finite position"),
+        (lambda: Measurement(0.0, "encoder", np.zeros(2), np.eye(2), (1.0, 2.0)), "encoder measurement got position"),
+        (lambda: Measurement(0.0, "landmark", np.zeros(3), np.eye(3), (1.0, 2.0)), "landmark measurement has 2 values"),
         (lambda: Ekf(max_ahead=0.0), "max_ahead"),
         (lambda: Ekf(max_ahead=math.nan), "max_ahead"),
         (lambda: Measurement(0.0, "gps", np.zeros(3), np.eye(3)), "unknown kind of measurement 'gps'"),
@@ -315,3 +324,120 @@ def test_what_makes_no_sense_is_named(say, culprit):
 def test_covariances_of_measurements_must_be_positive_definite(covariance):
     with pytest.raises(ValueError, match="symmetric and positive definite"):
         started().add(Measurement(0.1, "encoder", np.zeros(2), np.array(covariance)))
+
+
+@pytest.mark.parametrize("pose", [(0.3, -0.2, 0.4), (0.3, -0.2, math.pi - 0.01), (5.0, 2.0, -3.0)])
+@pytest.mark.parametrize("place", [(4.0, 1.0), (-3.0, -0.2), (0.3, 0.05)])
+def test_the_jacobian_of_a_landmark_equals_the_numeric_one(pose, place):
+    state = np.array([*pose, 0.5, 0.1, 0.02])
+    seen, jacobian = see_landmark(state, *place)
+    assert seen[0] == pytest.approx(math.dist(pose[:2], place))
+    numeric = np.empty((2, 6))
+    for k in range(6):
+        step = 1e-6 * np.eye(6)[k]
+        after, before = see_landmark(state + step, *place)[0], see_landmark(state - step, *place)[0]
+        numeric[:, k] = (after[0] - before[0]) / 2e-6, wrap_angle(after[1] - before[1]) / 2e-6
+    np.testing.assert_allclose(jacobian, numeric, atol=1e-6)
+
+
+LANDMARKS = [(3.0, 0.0), (-2.0, 1.0), (0.5, 4.0)]
+"""Ahead of, behind and beside the robot."""
+
+
+def look(rng, time, pose, num_values, std=(0.05, 0.02)):
+    measurements = []
+    for x, y in LANDMARKS:
+        bearing = math.atan2(y - pose[1], x - pose[0]) - pose[2] + std[1] * rng.standard_normal()
+        values = np.array([math.dist(pose[:2], (x, y)) + std[0] * rng.standard_normal(), float(wrap_angle(bearing))])
+        covariance = np.diag(np.square(std))[:num_values, :num_values]
+        measurements.append(Measurement(time, "landmark", values[:num_values], covariance, (x, y)))
+    return measurements
+
+
+@pytest.mark.parametrize("num_values", [1, 2])
+def test_landmarks_alone_give_an_honest_pose(num_values):
+    nees, errors = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        start = rng.multivariate_normal(np.zeros(5), START)
+        ekf = started()
+        truth = np.array([*start[:3], 0.3, 0.0])
+        ekf.reset(ORIGIN, START, v=truth[3], time=0.0)
+        for time in np.arange(0.1, 3.0, 0.1):
+            pose = truth[:3] + (0.3 * time * math.cos(truth[2]), 0.3 * time * math.sin(truth[2]), 0.0)
+            for measurement in look(rng, time, pose, num_values):
+                ekf.add(measurement)
+        estimate = ekf.estimate()
+        error = np.array(estimate.pose) - pose
+        error[2] = wrap_angle(error[2])
+        errors.append(error)
+        nees.append(error @ np.linalg.solve(estimate.covariance[:3, :3], error))
+    x, y, theta = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert max(x, y) < 0.05
+    assert theta < {1: 0.3, 2: 0.05}[num_values]
+    # The speed is noisier in the model than in truth, so the filter is on the safe side.
+    assert 1.0 < np.mean(nees) < 3.8
+
+
+def test_late_landmarks_change_nothing():
+    rng = np.random.default_rng(4)
+    sent = [one for k in range(1, 20) for one in look(rng, 0.05 * k, (0.0, 0.0, 0.0), 2)]
+    in_order, shuffled = started(), started()
+    for one in sent:
+        in_order.add(one)
+    for k in rng.permutation(len(sent)):
+        assert shuffled.add(sent[k]) == "accepted"
+    assert in_order.estimate().pose == shuffled.estimate().pose
+    assert in_order.estimate().pose == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
+
+
+def test_landmarks_across_the_turn_at_the_robot_and_out_of_place():
+    ekf = started(Pose2D(0.0, 0.0, math.pi - 0.01))
+    noise = np.diag([0.05, 0.02]) ** 2
+    behind = Measurement(0.01, "landmark", np.array([2.0, math.pi - 0.01]), noise, (2.0, 0.0))
+    assert ekf.add(behind) == "accepted"
+    assert abs(wrap_angle(ekf.estimate().pose.theta - math.pi)) < 0.03
+    here = tuple(ekf.estimate().pose[:2])
+    assert started().add(Measurement(0.0, "landmark", np.array([0.0, 0.0]), noise, (0.0, 0.0))) == "unusable"
+    assert ekf.add(Measurement(0.02, "landmark", np.array([9.0, 0.0]), noise, (2.0, 0.0))) == "gated"
+    assert tuple(ekf.estimate().pose[:2]) == pytest.approx(here, abs=1e-3)
+
+
+def drive_with_compass(error, num=400, **params):
+    """Stand at the origin with a map measurement every 0.1 s; return the largest heading error and the filter."""
+    ekf, rng, worst = Ekf(**params), np.random.default_rng(0), 0.0
+    ekf.reset(ORIGIN, START, time=0.0)
+    for k in range(1, num + 1):
+        time = 0.05 * k
+        ekf.add(measure(time, "encoder", 0.0, 0.0))
+        ekf.add(measure(time, "compass", error(time) + 0.001 * rng.standard_normal(), 0.0))
+        if k % 2 == 0:
+            values = 0.5 * np.sqrt(np.diag(NOISE["map"])) * rng.standard_normal(3)
+            ekf.add(measure(time, "map", *values))
+        if time > 2.0:
+            worst = max(worst, abs(ekf.estimate().pose.theta))
+    return worst, ekf
+
+
+@pytest.mark.parametrize("error", [lambda t: 0.3 * (t > 5.0), lambda t: 0.05 * t, lambda t: 0.2 * math.sin(0.5 * t)])
+def test_a_disturbed_compass_changes_its_bias_and_not_the_heading(error):
+    worst, ekf = drive_with_compass(error, bias_std=0.001, bias_drift=0.0001)
+    assert worst < 0.04
+    assert ekf.estimate().compass_bias == pytest.approx(error(20.0), abs=0.04)
+    without, _ = drive_with_compass(error)
+    assert without > 2.0 * worst
+
+
+def test_an_undisturbed_compass_keeps_its_weight():
+    worst, ekf = drive_with_compass(lambda t: 0.0, bias_std=0.001, bias_drift=0.0001)
+    assert worst < 0.003
+    assert ekf.counts["compass"]["accepted"] == 400
+
+
+def test_the_predicted_turn_ends_when_measurements_are_missing():
+    ekf = started(v=0.5)
+    for k in range(1, 20):
+        ekf.add(measure(0.05 * k, "encoder", 0.5, 0.4))
+    turned = [ekf.estimate(ekf.time + ahead).pose.theta - ekf.estimate().pose.theta for ahead in (0.2, 5.0)]
+    assert turned[0] == pytest.approx(0.08, abs=0.01)
+    assert turned[1] == pytest.approx(0.4 * 0.5, abs=0.03)

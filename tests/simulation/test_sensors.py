@@ -17,14 +17,17 @@ WORLD = make_room(-2.0, -3.0, 4.0, 5.0)
 LIDAR = LidarParams(num_beams=4, range_max=10.0)
 
 
-def read(lidar=LIDAR, imu=None, *, pose=ORIGIN, angles=(0.0, 0.0), yaw_rate=0.0, bumper=False, seed=0, circles=()):
+def read(
+    lidar=LIDAR, imu=None, *, pose=ORIGIN, angles=(0.0, 0.0), yaw_rate=0.0, bumper=False, seed=0, circles=(), magnets=()
+):
     robot = replace(BURGER, lidar=lidar, imu=imu or ImuParams())
     rows = Rows(robot, 0.1, 1)
     row = rows.numbers[0]
     row[[at.X, at.Y, at.THETA, at.LEFT_ANGLE, at.RIGHT_ANGLE, at.MEAN_W]] = *pose, *angles, yaw_rate
     rows.draw([np.random.default_rng(seed)])
     row[at.TOUCHED], row[at.TIME] = bumper, 1.5
-    sense(rows.numbers, rows.draws, rows.ranges, WORLD.segments, np.array(circles).reshape(-1, 3))
+    around = np.array(circles).reshape(-1, 3), np.array(magnets).reshape(-1, 4)
+    sense(rows.numbers, rows.draws, rows.ranges, WORLD.segments, *around)
     return rows.reading(0)
 
 
@@ -108,6 +111,26 @@ def test_gyroscope_and_compass():
     steps = unwrapped[headings > 0] / 0.02
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
     assert math.isnan(read().heading)
+
+
+def test_compass_errors_of_the_robot_and_of_the_world():
+    imu = ImuParams(has_compass=True, compass_offset=0.1, compass_deviation=0.2, compass_deviation_phase=0.5)
+    for theta in (-3.1, 0.5, 1.7, 3.1):
+        expected = theta + 0.1 + 0.2 * math.sin(theta - 0.5)
+        assert read(imu=imu, pose=Pose2D(0, 0, theta)).heading == pytest.approx(wrap_angle(expected))
+    magnets = [[2.0, 0.0, 0.4, 3.0], [0.0, 4.0, -0.3, 1.0]]
+    for x, expected in ((0.0, 0.4 / 8 - 0.3 / 4), (1.5, 0.4 - 0.3 / math.hypot(1.5, 4.0)), (2.0, 0.4 - 0.3 / 20**0.5)):
+        reading = read(imu=ImuParams(has_compass=True), pose=Pose2D(x, 0, 0), magnets=magnets)
+        assert reading.heading == pytest.approx(expected)
+
+
+def test_magnets_disturb_the_compass_under_both_physics(physics):
+    robot = replace(BURGER, imu=ImuParams(has_compass=True))
+    world = replace(WORLD, magnets=np.array([[0.5, 0.0, 0.4, 2.0]]))
+    simulator = begin(physics, robot, world, ORIGIN)
+    assert simulator.step([Twist(0.1, 0.0)])[0].heading == pytest.approx(0.4, abs=0.01)
+    plain = begin(physics, robot, WORLD, ORIGIN)
+    assert plain.step([Twist(0.1, 0.0)])[0].heading == pytest.approx(0.0, abs=0.01)
 
 
 def test_people_and_the_bumper_are_reported():

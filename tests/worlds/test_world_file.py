@@ -18,6 +18,7 @@ boxes: [[3, 2, 1.0, 0.4, 0.785398163]]
 polygons: [[[1, 2], [1.5, 2], [1, 2.5]]]
 cylinders: [[3.0, 1.0, 0.25]]
 people: [{radius: 0.1, speed: 0.5, waypoints: [[0.5, 1.5], [1.5, 1.5]]}]
+magnets: [[3.5, 2.5, 0.2], [1.0, 0.5, -0.1, 2]]
 closures: [[0, 3, 0, 0]]
 """
 
@@ -44,6 +45,8 @@ def test_every_kind_of_body(tmp_path):
     # After the box and the triangle, the thick wall: half its thickness longer at both ends.
     wall = world.segments[7:11, :2]
     assert (*wall.min(axis=0), *wall.max(axis=0)) == pytest.approx((1.9, -0.1, 2.1, 1.1))
+    assert world.magnets.tolist() == [[3.5, 2.5, 0.2, 3.0], [1.0, 0.5, -0.1, 2.0]]
+    assert world.scaled(2.0).magnets[0].tolist() == [7.0, 5.0, 0.2, 3.0]
     assert world.circles.tolist() == [[3.0, 1.0, 0.25]]
     assert world.circles_at_start.tolist() == [[3.0, 1.0, 0.25], [0.5, 1.5, 0.1]]
 
@@ -52,6 +55,7 @@ def test_every_kind_of_body(tmp_path):
     ("old", "new", "message"),
     [
         ("cylinders:", "cylindres:", r"unknown key 'cylindres' \(did you mean 'cylinders'\?\); allowed are .*closures"),
+        ("-0.1, 2]", "-0.1, 0]", "magnets: row 1: decay must be positive, got 0"),
         ("licence: CC0-1.0", "", "key 'licence' is missing"),
         ("1.0, 0.4, 0.785398163", "1.0, -0.4", r"boxes: row 0: width must be positive, got -0\.4"),
         ("3.0, 1.0, 0.25", "3.0, 1.0", r"cylinders: row 0 must be \[x, y, radius\]"),

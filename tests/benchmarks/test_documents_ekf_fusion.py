@@ -6,15 +6,17 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from lidarnaut.benchmarks.drives import ekf as experiment
-from lidarnaut.benchmarks.drives.ekf import (
+from lidarnaut.benchmarks.documents import ekf_fusion as experiment
+from lidarnaut.benchmarks.documents.__main__ import Command, main
+from lidarnaut.benchmarks.documents.ekf_fusion import (
     FAULTS,
     FILTERS,
+    LABELS,
     PAPER,
     FaultyChannel,
     RouteDrive,
-    measure,
-    nees_bounds,
+    make_env,
+    nees_within,
     run_drive,
 )
 from lidarnaut.envs.geometry import Pose2D
@@ -26,14 +28,19 @@ STEPS = 60
 
 @pytest.fixture(scope="module")
 def drive():
-    return run_drive("kinematic", 0, {**FILTERS, **FAULTS}, max_steps=STEPS)
+    return run_drive(hall(), 0, {**FILTERS, **FAULTS}, max_steps=STEPS)
 
 
-def make_drive(errors, covariance):
+def hall():
+    return make_env("kinematic", 0, 0.69, "no disturbance", {"path": experiment.QUICK["path"]})
+
+
+def make_drive(errors, covariance=None, straights=0.0):
     truth = np.tile([1.0, 2.0, math.pi - 0.001], (len(errors), 1))
-    covariances = np.tile(covariance, (len(errors), 1, 1))
+    covariances = np.tile(np.eye(3) if covariance is None else covariance, (len(errors), 1, 1))
     time, estimated = np.arange(len(errors), dtype=float), {"full": truth + errors}
-    return RouteDrive("kinematic", 0, "completed", 0, time, truth, estimated, {"full": covariances}, {})
+    directions = np.broadcast_to(straights, len(errors))
+    return RouteDrive("kinematic", 0, "completed", 0, time, truth, directions, estimated, {"full": covariances}, {})
 
 
 def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable(drive):
@@ -46,47 +53,50 @@ def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable(drive):
         assert np.abs(drive.error(fusion)).max() < 100.0
     assert drive.truth[-1, 0] > 1.0
     assert drive.verdicts["encoder"] == {"accepted": STEPS}
+    assert (drive.straights == 0.0).all()
     # Fusions differ: wheels alone do not use the compass, and the localizer is not filtered.
     errors = [drive.error(fusion) for fusion in FUSIONS]
     assert all((one != other).any() for k, one in enumerate(errors) for other in errors[:k])
-    again = run_drive("kinematic", 0, max_steps=20)
+    again = run_drive(hall(), 0, max_steps=20)
     for fusion in FUSIONS:
         np.testing.assert_array_equal(again.estimated[fusion], drive.estimated[fusion][:20])
 
 
 def test_measures_are_equations_11_and_12():
     errors = np.array([[0.03, 0.0, 0.01], [0.0, -0.04, 0.0], [0.0, 0.0, -0.02], [0.0, 0.0, 0.0]])
-    drives = [make_drive(factor * errors, np.eye(3)) for factor in (1.0, 1.0, 2.0)]
-    measures = measure(drives, "full")
-    assert measures["heading_rmse_deg"] == pytest.approx(math.degrees(math.sqrt(0.0005 / 4)))
-    assert measures["max_heading_deg"] == pytest.approx(math.degrees(0.02))
-    for key, value in {"position_rmse_mm": 25.0, "max_x_mm": 30.0, "max_y_mm": 40.0}.items():
-        assert (measures[key], measures[f"{key}_worst"]) == pytest.approx((value, 2 * value))
+    for factor in (1.0, 2.0):
+        measures = make_drive(factor * errors, straights=[0.0, 0.0, np.nan, math.pi / 2]).measure("full")
+        assert measures["heading RMSE [deg]"] == pytest.approx(factor * math.degrees(math.sqrt(0.0005 / 4)))
+        assert measures["greatest heading error [deg]"] == pytest.approx(factor * math.degrees(0.02))
+        for key, value in {"position RMSE": 25.0, "greatest x error": 30.0, "greatest y error": 40.0}.items():
+            assert measures[f"{key} [mm]"] == pytest.approx(factor * value)
+        # Of the three straight periods, one has an error across.
+        assert measures["mean error across on straights [mm]"] == pytest.approx(factor * 40.0 / 3)
+        assert measures["RMS error across on straights [mm]"] == pytest.approx(factor * 40.0 / math.sqrt(3))
 
 
 def test_nees_tells_honest_from_overconfident():
     covariance = np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 0.5]]) * 1e-4
     errors = np.random.default_rng(0).multivariate_normal(np.zeros(3), covariance, (20, 400))
     for scale, nees, within in ((1.0, 3.0, 0.95), (0.5, 6.0, 0.01)):
-        found = measure([make_drive(error, scale * covariance) for error in errors], "full")
-        assert found["nees"] == pytest.approx(nees, rel=0.05)
-        assert found["nees_within"] == pytest.approx(within, abs=0.04)
-    assert nees_bounds(20) == pytest.approx((2.024, 4.165), abs=1e-3)
+        drives = [make_drive(error, scale * covariance) for error in errors]
+        assert np.mean([drive.measure("full")["NEES []"] for drive in drives]) == pytest.approx(nees, rel=0.05)
+        assert nees_within(drives, "full") == pytest.approx(within, abs=0.04)
 
 
-def test_the_stages_measure_and_draw_and_the_start_of_the_full_fusion_beats_the_paper(drive, monkeypatch, tmp_path):
-    monkeypatch.setattr(experiment, "run_drive", lambda *_: drive)
-    rows = experiment.compare_fusions(seeds=2, jobs=1, physics=("kinematic",), images=tmp_path)
-    assert [row["fusion"] for row in rows] == [*experiment.LABELS.values(), "the paper"]
-    counts = {"completed": 0, "collisions": 0}
-    assert rows[3] == {"fusion": "full fusion", "physics": "kinematic"} | measure([drive, drive], "full") | counts
-    assert all(rows[3][key] < value for key, value in PAPER.items())
+def test_a_quick_run_gives_figures_and_pictures_and_beats_the_paper(tmp_path):
+    figures = {one.item: one for one in main(Command("ekf_fusion", pictures=tmp_path, jobs=1, quick=True))}
+    for key, value in list(PAPER.items())[:5]:
+        item, _, unit = key[:-1].partition(" [")
+        figure = figures[f"{item}, full fusion, kinematic"]
+        assert (figure.document, figure.unit) == (value, unit)
+        assert figure.median < value
+    assert figures["route completed without contact, kinematic"].median == 1.0
+    for label in LABELS.values():
+        assert figures[f"position RMSE, compass noise 0.69 deg, magnets: {label}"].median > 0.0
+    assert figures["position RMSE, fault: none"].median < figures["position RMSE, fault: no encoders"].median
     for name in ("position", "heading", "errors"):
-        assert (tmp_path / f"ekf_{name}.png").stat().st_size > 10_000
-    none, *others = experiment.compare_faults(seeds=1)
-    assert (none["fault"], none["accepted"], none["gated"]) == ("none", 1.0, 0.0)
-    assert none["position_max_mm"] < 20.0
-    assert [row["fault"] for row in others] == list(FAULTS)[1:]
+        assert (tmp_path / f"ekf_fusion_{name}.png").stat().st_size > 10_000
 
 
 def test_faults_reach_the_filter_as_they_are_called():

@@ -1,4 +1,4 @@
-"""Benchmark of EKF pose fusion on the 78 m rectangular route of Nguyen et al. (2021); see `docs/notes/ekf.md`."""
+"""Experiment of Nguyen et al. (2021): fusion of AMCL, encoders and compass by an EKF on a rectangular route of 78 m."""
 
 import dataclasses
 import itertools
@@ -7,34 +7,46 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import gymnasium
 import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Picture
 from scipy.stats import chi2
 
 from lidarnaut.baselines.episode import begin_episode, decide_with
 from lidarnaut.baselines.reactive import RouteFollower
 from lidarnaut.benchmarks.arena.plots import ERROR, INK, LINES, MUTED
-from lidarnaut.benchmarks.drives.recording import Row, run_each
-from lidarnaut.envs.command_line import Count
+from lidarnaut.benchmarks.documents.figures import Figure
+from lidarnaut.benchmarks.drives.recording import run_each
 from lidarnaut.envs.core import LidarEnv, lidar_env_of
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.localization.ekf import Ekf, Estimate, Measurement
 from lidarnaut.envs.localization.fusion import FUSIONS, make_filter, start_covariance
 from lidarnaut.envs.logs import rms
-from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.worlds import load_world
 
 PAPER = {
-    "position_rmse_mm": 20.3,
-    "max_x_mm": 30.0,
-    "max_y_mm": 28.0,
-    "heading_rmse_deg": 0.6939,
-    "max_heading_deg": 3.3,
+    "position RMSE [mm]": 20.3,
+    "greatest x error [mm]": 30.0,
+    "greatest y error [mm]": 28.0,
+    "heading RMSE [deg]": 0.6939,
+    "greatest heading error [deg]": 3.3,
+    "mean error across on straights [mm]": 1.6,
 }
-"""Results of Nguyen et al. (2021) with AMCL, encoders and compass: RMSE (equations 11 and 12) and maximum errors."""
+"""Results of Nguyen et al. (2021) with AMCL, encoders and compass: RMSE (equations 11 and 12), maximum errors, and the
+error perpendicular to the direction of motion."""
+COMPASS_NOISE = 0.69
+"""Standard deviation of the compass in the experiment [deg]: all of the paper's heading error, besides rounding."""
+NOISES = (0.1, 0.3, COMPASS_NOISE, 1.15, 2.0)
+DISTURBANCES: dict[str, tuple[dict[str, float], Sequence[Sequence[float]]]] = {
+    "no disturbance": ({}, ()),
+    "hard iron": ({"compass_deviation": math.radians(5.0), "compass_deviation_phase": 0.7}, ()),
+    "magnets": ({}, ((12.0, 2.2, 0.26, 2.0), (28.9, 10.0, 0.26, 2.0), (10.0, 20.0, -0.2, 3.0))),
+}
+"""Disturbances of the compass by name: parameters of the robot's IMU, and magnets of the world."""
 DRIVER = "full"
 """Name of the sensor fusion that controls the robot; it uses AMCL, encoders and compass."""
 LABELS = {
@@ -44,7 +56,8 @@ LABELS = {
     DRIVER: "full fusion",
 }
 COLOURS = dict(zip(LABELS, (LINES[1], LINES[2], LINES[3], LINES[0])))
-Physics = Literal["kinematic", "bullet"]
+QUICK = {"path": ((4.1, 3.2), (10.1, 3.2)), "map_resolution": 0.05}
+"""Arguments of a shortened experiment: 6 m of the first side."""
 Delivery = tuple[float, Measurement]
 """Measurement on its way to the filter: delay [s], inf if lost, and the measurement."""
 Fault = Callable[[Measurement, np.random.Generator], Delivery]
@@ -112,6 +125,8 @@ class RouteDrive:
     """Simulated time, shape (n,), float64 [s]."""
     truth: np.ndarray
     """True poses (x, y, heading) in the map frame, shape (n, 3), float64 [m, m, rad]."""
+    straights: np.ndarray
+    """Direction of the route, shape (n,), float64 [rad]; NaN in its corners."""
     estimated: dict[str, np.ndarray]
     """Estimated poses (x, y, heading) in the map frame, by filter name: shape (n, 3), float64 [m, m, rad]."""
     covariance: dict[str, np.ndarray]
@@ -130,72 +145,88 @@ class RouteDrive:
         error = self.error(name) / (1e3, 1e3, math.degrees(1.0))
         return np.einsum("ni,ni->n", error, np.linalg.solve(self.covariance[name], error[..., None])[..., 0])
 
+    def measure(self, name: str) -> dict[str, float]:
+        """Return the quantities of `PAPER` for a filter; also the RMS error across, and the mean NEES."""
+        error = self.error(name)
+        x, y, heading = abs(error).max(axis=0)
+        across = np.cos(self.straights) * error[:, 1] - np.sin(self.straights) * error[:, 0]
+        across = abs(across[~np.isnan(across)])
+        values = rms(np.hypot(error[:, 0], error[:, 1])), x, y, rms(error[:, 2]), heading, across.mean()
+        further = {"RMS error across on straights [mm]": rms(across), "NEES []": float(self.nees(name).mean())}
+        return {**dict(zip(PAPER, map(float, values))), **further}
 
-def compare_fusions(
-    seeds: Count = 20,
-    jobs: Count = 2,
-    physics: tuple[Physics, ...] = ("kinematic", "bullet"),
-    images: Path = Path("docs/images"),
-) -> list[Row]:
-    """Measure EKF fusion of AMCL, encoders and compass on the route of Nguyen et al. (2021).
 
-    The table has median and maximum errors over drives.
+def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure]:
+    """Repeat the experiment; also with sensor faults, and with noise and disturbances of the compass.
 
-    Args:
-        seeds: number of drives per simulator, each with its own noise and map.
-        jobs: number of processes.
-        physics: simulators.
-        images: output folder for figures 5 to 10 of the paper, `ekf_*.png`.
+    The compass has a noise of `COMPASS_NOISE`. Errors are against ground truth in the map frame. Straights are the
+    parts of the route with a constant direction, and errors across are perpendicular to it.
     """
-    drives = run_each(run_drive, list(itertools.product(physics, range(seeds))), jobs, "drives")
-    rows = []
-    for name, fusion in itertools.product(physics, LABELS):
-        some = [drive for drive in drives if drive.physics == name]
-        rows.append({"fusion": LABELS[fusion], "physics": name, **measure(some, fusion)})
+    seeds, physics = range(1 if quick else runs or 10), ("kinematic", "bullet")[: 1 if quick else 2]
+    few, clean, changes = range(min(len(seeds), 3)), "no disturbance", QUICK if quick else {}
+    disturbed = [("magnets", COMPASS_NOISE)] if quick else list(itertools.product(DISTURBANCES, NOISES))
+    main = [(name, seed, COMPASS_NOISE, clean, changes) for name in physics for seed in seeds]
+    others = [("kinematic", seed, noise, name, changes) for name, noise in disturbed for seed in few]
+    faulty = [("kinematic", seed, COMPASS_NOISE, clean, changes, True) for seed in few]
+    drives = run_each(_run_case, [(*task, False) for task in (*main, *others)] + faulty, jobs, "drives")
+    figures = []
+    for name, fusion in itertools.product(physics, (DRIVER, "amcl", "encoder_compass", "encoder")):
+        some = [drive for drive in drives[: len(main)] if drive.physics == name]
+        of = f"{LABELS[fusion]}, {name}"
+        figures += _figures(of, some, fusion, {key: PAPER.get(key) for key in some[0].measure(fusion)})
         if fusion == DRIVER:
-            completed = sum(drive.end_reason == "completed" for drive in some)
-            rows[-1] |= {"completed": completed, "collisions": sum(drive.collisions for drive in some)}
-    images.mkdir(parents=True, exist_ok=True)
+            done = [float(drive.end_reason == "completed" and drive.collisions == 0) for drive in some]
+            figures.append(Figure(f"route completed without contact, {name}", "share", done, best="most"))
+            figures.append(Figure(f"NEES within its bounds, {name}", "share", [nees_within(some, fusion)], best="most"))
+    for k, (name, noise) in enumerate(disturbed):
+        some = drives[len(main) + k * len(few) :][: len(few)]
+        for fusion in LABELS:
+            of = f"compass noise {noise:g} deg, {name}: {LABELS[fusion]}"
+            figures += _figures(of, some, fusion, dict.fromkeys(("position RMSE [mm]", "heading RMSE [deg]")))
+    for fault in FAULTS:
+        keys = "position RMSE [mm]", "heading RMSE [deg]"
+        figures += _figures(f"fault: {fault}", drives[-len(few) :], fault, dict.fromkeys(keys))
     with matplotlib.rc_context({"axes.spines.top": False, "axes.spines.right": False, "font.size": 9}):
-        _draw_drive(drives[0], images)
-        _draw_errors(drives).savefig(images / "ekf_errors.png", dpi=110)
-    return [*rows, {"fusion": "the paper", **PAPER}]
+        _draw_drive(drives[0], changes, pictures)
+        _draw_errors(drives[: len(main)]).savefig(pictures / "ekf_fusion_errors.png", dpi=70)
+    return figures
 
 
-def compare_faults(seeds: Count = 3, physics: Physics = "kinematic") -> list[Row]:
-    """Measure EKF fusion with late, missing or wrong measurements: errors and shares of accepted measurements.
-
-    Args:
-        seeds: number of drives.
-        physics: simulator.
-    """
-    drives, rows = [run_drive(physics, seed, FAULTS) for seed in range(seeds)], []
-    for name in FAULTS:
-        errors = np.concatenate([drive.error(name) for drive in drives])
-        position, heading = np.hypot(errors[:, 0], errors[:, 1]), abs(errors[:, 2])
-        row: Row = {"fault": name, "position_rms_mm": rms(position), "position_max_mm": float(position.max())}
-        row |= {"heading_rms_deg": rms(heading), "heading_max_deg": float(heading.max())}
-        verdicts = sum((drive.verdicts[name] for drive in drives), Counter[str]())
-        shares = ("accepted", "gated", "too_old", "recovered")
-        rows.append(row | {key: verdicts[key] / verdicts.total() for key in shares})
-    return rows
+def _figures(of: str, drives: Sequence[RouteDrive], name: str, keys: Mapping[str, float | None]) -> list[Figure]:
+    found, figures = [drive.measure(name) for drive in drives], []
+    for key, document in keys.items():
+        item, _, unit = key.rstrip("]").partition(" [")
+        figures.append(Figure(f"{item}, {of}", unit, [values[key] for values in found], document))
+    return figures
 
 
-def make_env(physics: str, map_seed: int) -> LidarEnv:
-    arguments = {"physics": physics, "map_seed": map_seed, "fusion": DRIVER, "start_spread": (0.0, 0.0)}
-    return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", **arguments))
+def make_env(physics: str, map_seed: int, noise: float, disturbance: str, changes: Mapping[str, Any]) -> LidarEnv:
+    """Return the environment of the experiment; `noise`: standard deviation of the compass [deg]."""
+    (imu, magnets), robot, world = DISTURBANCES[disturbance], load_robot("mpo_500"), load_world("workshop_hall")
+    imu = dataclasses.replace(robot.imu, compass_std=math.radians(noise), **imu)
+    arguments: dict[str, Any] = {"robot": dataclasses.replace(robot, imu=imu), "start_spread": (0.0, 0.0), **changes}
+    if magnets:
+        arguments["world"] = dataclasses.replace(world, magnets=np.array(magnets))
+    return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", physics=physics, map_seed=map_seed, **arguments))
+
+
+def _run_case(
+    physics: str, seed: int, noise: float, disturbance: str, changes: Mapping[str, Any], has_faults: bool
+) -> RouteDrive:
+    env = make_env(physics, seed, noise, disturbance, changes)
+    return run_drive(env, seed, FAULTS if has_faults else FILTERS)
 
 
 def run_drive(
-    physics: str, seed: int, filters: Mapping[str, Fault] = FILTERS, max_steps: int | None = None
+    env: LidarEnv, seed: int, filters: Mapping[str, Fault] = FILTERS, max_steps: int | None = None
 ) -> RouteDrive:
     """Simulate a drive along the mapped route, controlled by the fused pose; return true and estimated poses.
 
     Each of the `filters` processes the same measurements with its own fault (delay, loss or error).
     """
-    env, follower = make_env(physics, map_seed=seed), RouteFollower()
+    follower = RouteFollower()
     observation, info = begin_episode(env, follower, seed, np.random.default_rng([seed, 1]))
-    decide, fused = decide_with(follower, env), env.robots[0].estimator
+    decide, fused, route = decide_with(follower, env), env.robots[0].estimator, env.task.route
     channels = {}
     for k, (name, fault) in enumerate(filters.items()):
         ekf = make_filter(env.robot)
@@ -211,13 +242,16 @@ def run_drive(
             estimates[name].append(channel.deliver(info["time"], fused.measurements))
     env.close()
     time, truth = zip(*rows)
+    nearest = [int(np.argmin(np.hypot(*(route.points - pose[:2]).T))) for pose in truth]
+    is_straight = abs(np.gradient(np.unwrap(route.headings)))[nearest] < 1e-6
     return RouteDrive(
-        physics=physics,
+        physics=env.task.physics,
         seed=seed,
         end_reason=info.get("end_reason", "max_steps"),
         collisions=info["collisions"],
         time=np.array(time),
         truth=np.array(truth),
+        straights=np.where(is_straight, route.headings[nearest], np.nan),
         estimated={name: np.array([one.pose for one in many]) for name, many in estimates.items()},
         covariance={name: np.array([one.covariance[:3, :3] for one in many]) for name, many in estimates.items()},
         verdicts={
@@ -226,37 +260,21 @@ def run_drive(
     )
 
 
-def nees_bounds(num_drives: int) -> tuple[float, float]:
-    """Return the 95 % bounds of a consistent filter's normalised estimation error squared, averaged over drives."""
-    low, high = chi2.ppf([0.025, 0.975], 3 * num_drives) / num_drives
-    return float(low), float(high)
+def nees_within(drives: Sequence[RouteDrive], name: str) -> float:
+    """Return the share of periods whose NEES, averaged over drives, lies in the 95 % bounds of a consistent filter."""
+    low, high = chi2.ppf([0.025, 0.975], 3 * len(drives)) / len(drives)
+    steps = min(len(drive.time) for drive in drives)
+    mean = np.mean([drive.nees(name)[:steps] for drive in drives], axis=0)
+    return float(np.mean((low <= mean) & (mean <= high)))
 
 
-def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
-    """Return a filter's pose errors: medians over drives, and maxima with the suffix `_worst`.
-
-    `nees` is the mean normalised estimation error squared, 3 for a consistent filter. `nees_within` is the share of
-    control periods whose NEES, averaged over drives, lies within its 95 % bounds.
-    """
-    found = []
-    for error in (drive.error(fusion) for drive in drives):
-        x, y, heading = abs(error).max(axis=0)
-        found.append((rms(np.hypot(error[:, 0], error[:, 1])), x, y, rms(error[:, 2]), heading))
-    row: Row = {}
-    for key, middle, worst in zip(PAPER, np.median(found, axis=0).tolist(), np.max(found, axis=0).tolist()):
-        row |= {key: middle, f"{key}_worst": worst}
-    steps, (low, high) = min(len(drive.time) for drive in drives), nees_bounds(len(drives))
-    nees = np.array([drive.nees(fusion)[:steps] for drive in drives])
-    mean = nees.mean(axis=0)
-    return row | {"nees": float(nees.mean()), "nees_within": float(np.mean((low <= mean) & (mean <= high)))}
-
-
-def _draw_drive(drive: RouteDrive, folder: Path) -> None:
-    env, what = make_env(drive.physics, map_seed=drive.seed), f"{drive.physics} physics, seed {drive.seed}"
+def _draw_drive(drive: RouteDrive, changes: Mapping[str, Any], folder: Path) -> None:
+    env = make_env(drive.physics, drive.seed, COMPASS_NOISE, "no disturbance", changes)
+    what = f"{drive.physics} physics, seed {drive.seed}"
     env.reset(seed=drive.seed)
-    grid = crop_to_known(env.belief.grid)
+    grid = env.belief.grid
     env.close()
-    position, heading = (Figure(figsize=(10, height), layout="constrained") for height in (7.4, 3.6))
+    position, heading = (Picture(figsize=(10, height), layout="constrained") for height in (7.4, 3.6))
     path, turns = position.subplots(), heading.subplots()
     x_min, y_min, x_max, y_max = grid.bounds
     shades, extent = np.where(grid.data < 0, 0.82, 1.0 - grid.data / 100.0), (x_min, x_max, y_min, y_max)
@@ -271,17 +289,18 @@ def _draw_drive(drive: RouteDrive, folder: Path) -> None:
     turns.set_title(f"Heading ({what}); figure 7 of the paper")
     position.legend(loc="outside lower center", ncols=5, frameon=False)
     turns.legend(frameon=False)
-    position.savefig(folder / "ekf_position.png", dpi=110)
-    heading.savefig(folder / "ekf_heading.png", dpi=110)
+    position.savefig(folder / "ekf_fusion_position.png", dpi=85)
+    heading.savefig(folder / "ekf_fusion_heading.png", dpi=110)
 
 
-def _draw_errors(drives: Sequence[RouteDrive]) -> Figure:
+def _draw_errors(drives: Sequence[RouteDrive]) -> Picture:
     physics = list(dict.fromkeys(drive.physics for drive in drives))
-    figure = Figure(figsize=(5.2 * len(physics), 7.4), layout="constrained")
+    figure = Picture(figsize=(5.2 * len(physics), 7.4), layout="constrained")
     grid = figure.subplots(3, len(physics), sharex="col", sharey="row", squeeze=False)
     greatest, mean = "maximum error of the paper", "RMSE of the paper (maximum 3.3)"
     labels = "x error [mm]", "y error [mm]", "heading error [deg]"
-    bounds = (PAPER["max_x_mm"], greatest), (PAPER["max_y_mm"], greatest), (PAPER["heading_rmse_deg"], mean)
+    _, x, y, heading, *_ = PAPER.values()
+    bounds = (x, greatest), (y, greatest), (heading, mean)
     for (k, label), name in itertools.product(enumerate(labels), physics):
         axes, some = grid[k, physics.index(name)], [drive for drive in drives if drive.physics == name]
         for fusion in ("amcl", DRIVER):
