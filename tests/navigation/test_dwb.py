@@ -33,7 +33,7 @@ NOBODY = np.empty((0, 5))
 
 
 def motion(v=0.0, w=0.0, acc=1e9):
-    return RolloutParams(v, w, acc, acc, 1.0, 0.005, 0.0025)
+    return RolloutParams(v, w, acc, acc, 1.0, 0.005, 0.0025, 0.1, 0.25, 5.0)
 
 
 STANDING = motion()
