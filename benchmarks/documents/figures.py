@@ -32,7 +32,8 @@ class Figure:
         return float(WORST[self.best](self._failures_last()))
 
     def _failures_last(self) -> np.ndarray:
-        return np.nan_to_num(np.array(self.runs, dtype=np.float64), nan=math.inf if self.best == "least" else -math.inf)
+        runs = np.array(self.runs, dtype=np.float64)
+        return np.where(np.isnan(runs), math.inf if self.best == "least" else -math.inf, runs)
 
     def is_better(self, value: float) -> bool | None:
         """Return whether a value is at least as good as the document's; None if the document gives none."""

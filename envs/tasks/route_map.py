@@ -10,7 +10,7 @@ from lidarnaut.envs.estimation.motion import WheelMotion
 from lidarnaut.envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import make_simulator
-from lidarnaut.envs.slam import TinySlam, load_params, make_slam
+from lidarnaut.envs.slam import TinySlam, base_name, make_slam, read_params
 from lidarnaut.envs.worlds import World
 
 from .route import END, Progress, Route, steer
@@ -58,14 +58,14 @@ def make_route_map(
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
     simulator = make_simulator(physics, robot, control_period)
     reading = simulator.reset(world, [route.start], [simulator_rng])[0]
-    if slam == "tinyslam" and robot.imu.has_compass:
-        mapper: Estimator = TinySlam(robot.lidar, load_params(PRESET, {"resolution": resolution}))
+    if (name := base_name(slam)) == "tinyslam" and robot.imu.has_compass:
+        mapper: Estimator = TinySlam(robot.lidar, read_params(slam, PRESET, {"resolution": resolution}))
     else:
         mapper = make_slam(slam, robot.lidar, resolution, odometry_noise=robot.odometry.noise)
     mapper.reset(slam_rng)
     wheels = WheelMotion(robot)
     wheels.reset(reading)
-    uses_compass = robot.imu.has_compass and slam != "truth"
+    uses_compass = robot.imu.has_compass and name != "truth"
     beliefs = [mapper.update(reading, ORIGIN).pose]
     headings = [reading.heading]
     progress, truth, motion, heading = Progress(route), route.start, ORIGIN, reading.heading
@@ -81,7 +81,7 @@ def make_route_map(
         before = truth
         reading = simulator.step([steer(progress, truth, robot.max_v, LOOKAHEAD)])[0]
         truth = simulator.states[0].pose
-        step = before.between(truth) if slam == "truth" else wheels.update(reading)
+        step = before.between(truth) if name == "truth" else wheels.update(reading)
         if uses_compass:
             step, heading = _turned(step, reading.heading - heading), reading.heading
         motion = motion.compose(step)

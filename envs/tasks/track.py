@@ -88,7 +88,7 @@ class Track(Task):
     | `world` | `"workshop_hall"` | library world, path of a world YAML or of a `map_server` YAML, or a `World` |
     | `path` | `None` | points (x, y), world frame [m]; `None` for the rectangle from the world's first spawn |
     | `fusion` | `"full"` | inputs of the pose estimate: `"full"` (map, encoders, compass if available), `"encoder_compass"`, `"encoder"`, or `"amcl"` |
-    | `slam` | `"tinyslam"` | SLAM that makes the map |
+    | `slam` | `"tinyslam"` | SLAM that makes the map, also with parameters (`"tinyslam?preset=robot_vacuum"`) |
     | `map_seed` | `0` | seed of the mapping drive |
     | `map_resolution` | `0.02` | size of a map cell [m] |
     | `map_latency` | `0.1` | latency of AMCL [s] |
