@@ -8,7 +8,7 @@ from lidarnaut.benchmarks.arena.plots import draw_bands, draw_growth, render, sa
 from lidarnaut.benchmarks.arena.publish import run_with_progress
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
-from lidarnaut.benchmarks.arena.trace import Trace, load_curve, trace_path
+from lidarnaut.benchmarks.arena.trace import Trace, load_curve, slug, trace_path
 from lidarnaut.benchmarks.documents.figures import Figure
 from lidarnaut.envs.files import write_file
 
@@ -42,7 +42,7 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
             episodes=runs or (1 if quick else RUNS),
             time_limit=QUICK_LIMIT if quick else None,
         )
-        evaluation = Evaluation(settings, pictures / ("quick" if quick else "episodes") / slam.partition("?")[2])
+        evaluation = Evaluation(settings, pictures / ("quick" if quick else "episodes") / slug(slam))
         if failures := run_with_progress(evaluation, jobs, Console(stderr=True)):
             raise RuntimeError(f"{len(failures)} episodes failed, the first one by {failures[0].reason}")
         for policy in policies:
@@ -50,7 +50,9 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
             minutes = [row["time_to_99"] / 60.0 for row in rows]
             figures += [
                 Figure(f"{policy}: time to explore 99 %", "min", minutes, DOCUMENT_MINUTES),
-                Figure(f"{policy}: explored share", "%", [100.0 * row["explored_fraction"] for row in rows], best="most"),
+                Figure(
+                    f"{policy}: explored share", "%", [100.0 * row["explored_fraction"] for row in rows], best="most"
+                ),
                 Figure(f"{policy}: map IoU", "", [row["map_iou"] for row in rows], best="most"),
                 Figure(f"{policy}: position error", "m", [row["position_rmse"] for row in rows]),
                 Figure(f"{policy}: collisions", "", [row["collisions"] for row in rows]),

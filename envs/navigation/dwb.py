@@ -20,6 +20,7 @@ from .obstacles import without_people
 from .planning_params import DwbParams
 from .regulated_pursuit import NEAREST_WINDOW, nearest_index
 
+
 class DwbPlanner:
     """Local planner that samples velocity commands and scores their trajectories."""
 
