@@ -61,11 +61,10 @@ class RuleExplorer:
     @property
     def status(self) -> str:
         """Goal, and numbers of reachable frontiers and of blacklisted goals or failed drives, for the log."""
-        if self.navigator is None or not self._has_begun:
+        if (navigator := self.navigator) is None or not self._has_begun:
             return ""
-        goal = "none" if self.navigator.target is None else "({:.2f}, {:.2f})".format(*self.navigator.target)
-        failed = getattr(self.rule, "blacklist", self.navigator.failures)
-        return f"goal {goal}, {len(self.navigator.candidates)} frontiers, {len(failed)} blacklisted"
+        goal, failed = np.round(navigator.target or (), 2).tolist(), getattr(self.rule, "blacklist", navigator.failures)
+        return f"goal {goal}, {len(navigator.candidates)} frontiers, {len(failed)} blacklisted"
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self.navigator = FrontierNavigator(

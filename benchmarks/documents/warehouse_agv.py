@@ -16,21 +16,15 @@ SLAMS = {"graph?preset=cartographer": ("frontier:published",), "graph": ("fronti
 """Explorers by SLAM: the report's values of all parts, and the defaults of this package."""
 WORLD, ROBOT, RUNS = "tugbot_warehouse", "tugbot", 8
 DOCUMENT_MINUTES = 20.0
+"""Expected duration of the exploration in the report, and time limit [min]."""
 QUICK_WORLD, QUICK_LIMIT = "aws_small_warehouse", 20.0
 """World of the shortened experiment, and its time limit [s]."""
 
 
 def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure]:
-    """Explore the warehouse from random starts; write `progress.png` and `map.png`; return the figures.
+    """Explore the warehouse from `runs` random starts; write `progress.png` and `map.png`; return the figures.
 
-    Args:
-        pictures: folder for the pictures, and for one folder of results per SLAM; existing episodes are kept.
-        runs: number of starts per explorer.
-        jobs: number of processes.
-        quick: shorten the experiment.
-
-    Raises:
-        RuntimeError: if an episode failed.
+    Episodes in the folder `pictures` are not run again. Raises RuntimeError if an episode failed.
     """
     figures, curves, traces = [], {}, {}
     for slam, policies in SLAMS.items():
@@ -40,7 +34,7 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
             robots=(ROBOT,),
             slam=(slam,),
             episodes=runs or (1 if quick else RUNS),
-            time_limit=QUICK_LIMIT if quick else None,
+            time_limit=QUICK_LIMIT if quick else 60.0 * DOCUMENT_MINUTES,
         )
         evaluation = Evaluation(settings, pictures / ("quick" if quick else "episodes") / slug(slam))
         if failures := run_with_progress(evaluation, jobs, Console(stderr=True)):

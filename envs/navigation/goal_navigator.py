@@ -76,9 +76,8 @@ class LocalPlanner(Protocol):
     """Interface of local planners, which follow one path at a time.
 
     Constructed with robot, control period [s] and random generator. Obstacles are in the base frame, so stops do not
-    depend on the pose estimate. An attribute `tracks` is set to tracked people; see `PeopleTracker.people`. Planners
-    with `turns_at_goal = True` also get the goal heading [rad] and tolerance [m], by `set_path(path, heading,
-    tolerance)`, and approach the goal by themselves; for others, the navigator does.
+    depend on the pose estimate. An attribute `tracks` is set to tracked people; see `PeopleTracker.people`. With
+    `turns_at_goal = True`, `set_path(path, heading, tolerance)` also gets heading [rad] and tolerance [m] of the goal.
     """
 
     @property
@@ -156,14 +155,10 @@ class GoalNavigator:
         planning: PlanningParams | None = None,
         dwb: DwbParams = DwbParams(),
     ) -> None:
-        """Create a navigator.
-
-        `planning`: parameters; None for defaults that depend on whether the map is known. `dwb`: parameters of the
-        local planner `dwb`.
-        """
+        """Create a navigator. `planning`: parameters; None for defaults that depend on whether the map is known."""
         self.params, self.planning = params, planning
         self.dwb = dwb if params.local_planner == "dwb" else None
-        """Parameters of the local planner `dwb`; None for other local planners."""
+        """Parameters of the local planner `dwb`; None for others."""
         self.goal: tuple[float, float] | None = None
         """Goal (x, y), map frame [m]."""
         self.target: tuple[float, float] | None = None

@@ -90,29 +90,23 @@ class NavigatorParams:
 
 @pydantic.dataclasses.dataclass(frozen=True, slots=True)
 class DwbParams:
-    """Parameters of the local planner DWB, with Nav2's names. Defaults are those of Nav2's bring-up file.
-
-    The robot limits the speeds. The footprint radius of the local costmap is that of the robot, not a parameter.
-    """
+    """Parameters of the local planner DWB, with names and values of Nav2's bring-up file. The robot limits speeds."""
 
     max_vel_x: PositiveFloat = math.inf
     """Maximum forward speed [m/s]."""
     max_vel_theta: PositiveFloat = 1.0
     """Maximum yaw rate [rad/s]."""
     acc_lim_x: PositiveFloat | None = None
-    """Forward acceleration in simulated trajectories [m/s2]; None for that of the robot."""
     acc_lim_theta: PositiveFloat | None = None
-    """Yaw acceleration in simulated trajectories [rad/s2]; None for that of the robot."""
+    """Forward and yaw acceleration in simulated trajectories [m/s2, rad/s2]; None for those of the robot."""
     vx_samples: PositiveInt = 20
-    """Number of sampled forward speeds."""
     vtheta_samples: PositiveInt = 20
-    """Number of sampled yaw rates."""
+    """Numbers of sampled forward speeds and yaw rates."""
     sim_time: PositiveFloat = 1.7
     """Duration of a simulated trajectory [s]."""
     linear_granularity: PositiveFloat = 0.05
-    """Maximum distance between poses of a trajectory [m]."""
     angular_granularity: PositiveFloat = 0.025
-    """Maximum turn between poses of a trajectory [rad]."""
+    """Maximum distance [m] and turn [rad] between poses of a trajectory."""
     xy_goal_tolerance: PositiveFloat = 0.25
     """Distance to the goal that starts the final turn [m]."""
     trans_stopped_velocity: PositiveFloat = 0.25
@@ -124,27 +118,20 @@ class DwbParams:
     x_only_threshold: NonNegativeFloat = 0.05
     """Forward speed above which changes of the turning direction do not count as oscillation [m/s]."""
     oscillation_reset_dist: NonNegativeFloat = 0.05
-    """Distance from the last reversal after which the robot may reverse again [m]."""
     oscillation_reset_angle: NonNegativeFloat = 0.2
-    """Angle from the last reversal after which the robot may reverse again [rad]."""
+    """Distance [m] or angle [rad] from the last reversal after which the robot may reverse again."""
     base_obstacle_scale: NonNegativeFloat = 0.02
-    """Weight of the traversal cost at the end of a trajectory."""
     path_align_scale: NonNegativeFloat = 32.0
-    """Weight of the distance from the point ahead to the path."""
     goal_align_scale: NonNegativeFloat = 24.0
-    """Weight of the distance from the point ahead to a point beyond the local goal."""
     path_dist_scale: NonNegativeFloat = 32.0
-    """Weight of the distance to the path."""
     goal_dist_scale: NonNegativeFloat = 24.0
-    """Weight of the distance to the local goal."""
     rotate_to_goal_scale: NonNegativeFloat = 32.0
-    """Weight of the heading error at the goal."""
+    """Weights of the critics: traversal cost, distances to path and goal (point ahead, and robot), heading error."""
     width: PositiveFloat = 3.0
     """Minimum side of the square local costmap [m]; larger if trajectories are longer."""
     resolution: PositiveFloat = 0.05
     """Cell side of the local costmap [m]."""
     inflation_radius: PositiveFloat | None = None
-    """Distance from obstacles within which costs increase [m], at least the robot's radius; None for 0.48 m more than
-    the robot's radius, as in Nav2's bring-up file."""
+    """Distance from obstacles within which costs increase [m], at least the robot's radius; None for 0.48 m more."""
     cost_scaling_factor: NonNegativeFloat = 3.0
     """Exponential decay rate of the inflation cost with distance [1/m]."""

@@ -1,3 +1,4 @@
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, field, replace
 from pathlib import Path
@@ -29,7 +30,7 @@ class SlamParams:
     skip_exceeding: bool = False
     """Whether mapping ignores beams without a return instead of clearing cells along them."""
     max_range: Positive | None = None
-    """Range from which readings count as no return [m]: matching ignores them, mapping clears cells up to this range,
+    """Range above which readings count as no return [m]: matching ignores them, mapping clears cells up to this range,
     or ignores the beam (`skip_exceeding`). None for the lidar's maximum range."""
     map_width: Positive = 20.0
     """Initial map size along x [m]; grows when needed."""
@@ -39,14 +40,10 @@ class SlamParams:
     """Side of a map cell at the finest resolution [m]."""
 
     def limited(self, lidar: LidarParams) -> LidarParams:
-        """Return the lidar with `max_range`; ValueError if this is not above the lidar's minimum range."""
-        if self.max_range is None:
-            return lidar
-        if self.max_range <= lidar.range_min:
-            raise ValueError(
-                f"max_range must be above the lidar's minimum range, {lidar.range_min:g} m, got {self.max_range:g}"
-            )
-        return replace(lidar, range_max=min(self.max_range, lidar.range_max))
+        """Return the lidar with `max_range`; ValueError if it does not exceed `range_min`."""
+        if self.max_range is not None and self.max_range <= lidar.range_min:
+            raise ValueError(f"max_range must exceed the lidar's range_min {lidar.range_min:g}, got {self.max_range:g}")
+        return replace(lidar, range_max=min(self.max_range or math.inf, lidar.range_max))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)

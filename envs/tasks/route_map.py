@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Estimator
+from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.estimation.motion import WheelMotion
 from lidarnaut.envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import make_simulator
-from lidarnaut.envs.slam import TinySlam, base_name, make_slam, read_params
+from lidarnaut.envs.slam import base_name, make_slam
 from lidarnaut.envs.worlds import World
 
 from .route import END, Progress, Route, steer
@@ -58,14 +58,13 @@ def make_route_map(
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
     simulator = make_simulator(physics, robot, control_period)
     reading = simulator.reset(world, [route.start], [simulator_rng])[0]
-    if (name := base_name(slam)) == "tinyslam" and robot.imu.has_compass:
-        mapper: Estimator = TinySlam(robot.lidar, read_params(slam, PRESET, {"resolution": resolution}))
-    else:
-        mapper = make_slam(slam, robot.lidar, resolution, odometry_noise=robot.odometry.noise)
+    name, has_compass = base_name(slam), robot.imu.has_compass
+    how = (PRESET, None) if name == "tinyslam" and has_compass else ("default", robot.odometry.noise)
+    mapper = make_slam(slam, robot.lidar, resolution, *how)
     mapper.reset(slam_rng)
     wheels = WheelMotion(robot)
     wheels.reset(reading)
-    uses_compass = robot.imu.has_compass and name != "truth"
+    uses_compass = has_compass and name != "truth"
     beliefs = [mapper.update(reading, ORIGIN).pose]
     headings = [reading.heading]
     progress, truth, motion, heading = Progress(route), route.start, ORIGIN, reading.heading

@@ -249,5 +249,5 @@ def test_progress_is_logged_if_asked(tmp_path, jobs):
     assert "lidarnaut." not in silent.stderr
     lines = [line for line in logged.stderr.splitlines() if line.startswith("lidarnaut.baselines.episode: ")]
     assert len([line for line in lines if "RandomExplorer, seed 0, 20 s: explored_fraction 0." in line]) == 1
-    pattern = r"NearestExplorer, seed 0, 10 s: explored_fraction 0\.\d{3}, goal \(.*\), \d+ frontiers, 0 blacklisted"
+    pattern = r"NearestExplorer, seed 0, 10 s: explored_fraction 0\.\d{3}, goal \[.*\], \d+ frontiers, 0 blacklisted"
     assert any(re.search(pattern, line) for line in lines)

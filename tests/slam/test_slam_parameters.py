@@ -84,7 +84,7 @@ def test_readings_beyond_the_maximum_range_are_no_walls(slam: str) -> None:
 
 
 def test_a_maximum_range_below_the_minimum_of_the_lidar_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"max_range must be above the lidar's minimum range, 0.6 m, got 0.5"):
+    with pytest.raises(ValueError, match=r"max_range must exceed the lidar's range_min 0.6, got 0.5"):
         make_slam("hector?max_range=0.5", load_robot("tugbot").lidar)
 
 

@@ -1,3 +1,4 @@
+import math
 from functools import cache
 
 import numpy as np
@@ -174,9 +175,8 @@ class GraphSlam(Hector):
             moved = distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y)
             self._is_urgent |= moved > self.params.urgent_correction
         params, count = self.params, len(self.nodes)
-        is_due = self._loop_nodes >= params.optimise_every or self._is_urgent
-        if params.optimise_nodes is not None:
-            is_due |= self._loop_nodes > 0 and count - self._last_optimised >= params.optimise_nodes
+        is_long = self._loop_nodes > 0 and count - self._last_optimised >= (params.optimise_nodes or math.inf)
+        is_due = self._loop_nodes >= params.optimise_every or is_long or self._is_urgent
         if is_due and self._rendering is None and not self._iterations:
             self._iterations, self._loop_nodes, self._is_urgent = params.max_iterations, 0, False
             self._last_optimised = count

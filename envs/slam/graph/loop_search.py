@@ -137,8 +137,7 @@ class LoopSearch:
         for submap in np.flatnonzero(distances <= farthest).tolist():
             if node - self._searched.get(submap, -params.submap_every) < params.submap_every:
                 continue
-            window = window_size(float(lengths[submap]), params.linear_search_window)
-            least = float(distances[submap])
+            window, least = window_size(float(lengths[submap]), params.linear_search_window), float(distances[submap])
             if least <= MAX_DISTANCE + 0.5 * window[0]:
                 near.append((least, submap, window))
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
@@ -172,8 +171,7 @@ class LoopSearch:
             map = LogOddsMap(self._field_params, self._lidar)
             map.integrate_all(*self._nodes.submap_scans(submap))
             field = Field.of(map.grid)
-            reach = max(self._params.linear_search_window, MAX_SURFACE)
-            kept = field, build_pyramid(field, NUM_LEVELS, reach)
+            kept = field, build_pyramid(field, NUM_LEVELS, max(self._params.linear_search_window, MAX_SURFACE))
         self._kept[submap] = kept
         if len(self._kept) > self._params.max_rendered:
             del self._kept[next(iter(self._kept))]

@@ -124,5 +124,5 @@ def test_dwb_drives_to_the_frontier_with_its_parameters():
             twist = explorer.act(reading_of(time=0.1 * k), belief_at(5.0, 0.0))
         speeds.append(twist.v)
     assert 0.05 < speeds[1] <= 0.1 < speeds[2]
-    assert "goal (10." in explorer.status
+    assert "goal [10." in explorer.status
     assert "0 blacklisted" in explorer.status
