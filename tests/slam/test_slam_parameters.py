@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 import lidarnaut
-from evaluate import main as evaluate
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.training import train
 from lidarnaut.benchmarks.drives.slams import compare_slams
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import ORIGIN
+from lidarnaut.envs.files import parse_record
 from lidarnaut.envs.logs.replay import Options
 from lidarnaut.envs.logs.replay import main as replay
 from lidarnaut.envs.robots import load_robot
@@ -19,6 +21,7 @@ from lidarnaut.envs.slam import make_slam
 from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.tasks.track import Track
+from lidarnaut.evaluate_command import main as evaluate
 
 LIDAR = load_robot("turtlebot3_burger").lidar
 
@@ -128,3 +131,12 @@ def test_drives_and_replays_take_parameters(tmp_path: Path) -> None:
     (run,) = replay(Options(log, slam=SPEC, out=tmp_path / "out"))
     assert run.slam == SPEC
     assert (tmp_path / "out").is_dir()
+
+
+def test_trainings_take_parameters(tmp_path: Path) -> None:
+    environment = {"world": ROOM, "physics": "kinematic", "slam": SPEC, "control_hz": 5, "time_limit": 5}
+    hyperparameters = {"n_steps": 16, "batch_size": 32, "n_epochs": 1}
+    data = {"experiment": "spec", "algorithm": "PPO", "total_steps": 32, "num_envs": 2, "environment": environment}
+    config = parse_record({**data, "hyperparameters": hyperparameters}, "spec", TrainingConfig)
+    run = train(config, run=tmp_path / "run", progress=False)
+    assert f"slam: {SPEC}" in (run / "config.yaml").read_text()
