@@ -14,7 +14,7 @@ from lidarnaut.envs.files import write_file
 
 SLAMS = {"graph?preset=cartographer": ("frontier:published",), "graph": ("frontier", "nearest")}
 """Explorers by SLAM: the report's values of all parts, and the defaults of this package."""
-WORLD, ROBOT, RUNS = "tugbot_warehouse", "tugbot", 8
+WORLD, ROBOT, RUNS = "tugbot_warehouse", "tugbot", 12
 DOCUMENT_MINUTES = 20.0
 """Expected duration of the exploration in the report, and time limit [min]."""
 QUICK_WORLD, QUICK_LIMIT = "aws_small_warehouse", 20.0
