@@ -25,7 +25,7 @@ from lidarnaut.agents.config import find_configuration
 from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress, to_json
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
-from lidarnaut.envs.command_line import begin_command, fail, parse_options
+from lidarnaut.envs.command_line import begin_command, fail, parse_options, show_log
 from lidarnaut.envs.files import naming, own_folder, read_record
 
 
@@ -57,6 +57,8 @@ class Command:
     """Documentation folder for the leaderboard, as `arena.md` and `arena/`."""
     all: bool = False
     """Print all measures of each world instead of the five main ones; the report has all of them."""
+    verbose: Annotated[bool, tyro.conf.arg(aliases=["-v"])] = False
+    """Log the progress of each episode every 10 s: explored share, goal, number of blacklisted goals."""
     json: bool = False
     """Print only the summary, as JSON, to standard output."""
 
@@ -86,6 +88,8 @@ def main(arguments: list[str] | None = None) -> int:
             pictures = own_folder(command.publish, "arena")
             with naming(pictures), tempfile.TemporaryFile(dir=pictures):
                 pass
+        if command.verbose:
+            show_log()
         if not command.report:
             failures = run_with_progress(
                 evaluation, command.jobs, messages, ray=command.ray, bags=command.bags, record=command.record

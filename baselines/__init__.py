@@ -25,7 +25,7 @@ from .frontier.rules import (
     NextBestViewParams,
 )
 from .frontier.tour import TourExplorer, TourParams
-from .frontier.utility import FrontierExplorer, FrontierParams
+from .frontier.utility import AGV_DWB, FrontierExplorer, FrontierParams
 from .oracle.oracle_explorer import OracleExplorer
 from .policy import Explorer, OnePerRobot, Policy, PrivilegedPolicy
 from .reactive import RandomChooser, RandomExplorer, RouteFollower, WallFollower
@@ -38,6 +38,7 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "random": RandomExplorer,
     "nearest": NearestExplorer,
     "frontier": FrontierExplorer,
+    "frontier:published": partial(FrontierExplorer, dwb=AGV_DWB),
     "tour": TourExplorer,
     "explore_lite": ExploreLiteExplorer,
     "explore_lite:published": partial(ExploreLiteExplorer, PUBLISHED_LITE),
@@ -56,16 +57,18 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
 Makers = Mapping[str, Callable[[], Any]]
 ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}
 _PATIENT = GoalParams(max_recoveries=50, max_searches=20, search_radius=1.0)
+_DWB = replace(_PATIENT, local_planner="dwb", track_people=True)
 DRIVES = {
-    "pursuit": _PATIENT,
-    "pursuit:fast": replace(_PATIENT, local_planner="rpp:fast"),
-    "dwb": replace(_PATIENT, local_planner="dwb", track_people=True),
-    "mppi": replace(_PATIENT, local_planner="mppi", track_people=True),
+    "pursuit": partial(GoalNavigator, _PATIENT),
+    "pursuit:fast": partial(GoalNavigator, replace(_PATIENT, local_planner="rpp:fast")),
+    "dwb": partial(GoalNavigator, _DWB),
+    "dwb:agv": partial(GoalNavigator, _DWB, dwb=AGV_DWB),
+    "mppi": partial(GoalNavigator, replace(_PATIENT, local_planner="mppi", track_people=True)),
 }
-"""Navigation parameters by policy name, with many recovery behaviors because people may block paths."""
+"""Goal navigators by policy name, with many recovery behaviors because people may block paths."""
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
-    "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},
+    "goal": DRIVES,
     "route": {"route_follower": RouteFollower},
 }
 """Constructors of single-robot policies by name, grouped by the attribute that a task must have: `coverage`, `goal` or

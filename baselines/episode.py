@@ -1,5 +1,6 @@
 """Run episodes of a policy in an environment, and measure its performance."""
 
+import logging
 import math
 import time
 import warnings
@@ -20,6 +21,9 @@ from lidarnaut.envs.rendering.scene import people_in
 
 from .policy import Policy, PrivilegedPolicy, to_action
 
+LOGGER = logging.getLogger(__name__)
+LOG_PERIOD = 10.0
+"""Simulated time between messages about the progress of an episode [s]."""
 Info = dict[str, Any]
 Observation = dict[str, np.ndarray]
 Decide = Callable[[Observation], np.ndarray | np.integer | str]
@@ -228,6 +232,8 @@ def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
 def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step: Watch | None = None) -> Episode:
     """Run an episode and measure the policy's performance.
 
+    Logs time, progress and `policy.status` (if any) every 10 s, at level INFO.
+
     Args:
         env: environment, possibly wrapped.
         policy: policy for one robot or a team. Only a `PrivilegedPolicy` receives ground truth.
@@ -238,8 +244,16 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step
     # Independent of the generators that the environment spawns.
     observation, info = begin_episode(env, policy, seed, np.random.default_rng([seed, 1]))
 
+    next_log = LOG_PERIOD if LOGGER.isEnabledFor(logging.INFO) else math.inf
+
     def watch(info: Info) -> None:
+        nonlocal next_log
         recorder.watch(info)
+        if info["time"] >= next_log:
+            next_log += LOG_PERIOD
+            what, status = inner.task.progress, getattr(policy, "status", "")
+            who = type(policy).__name__, seed, info["time"]
+            LOGGER.info("%s, seed %d, %.0f s: %s %.3f%s", *who, what, info[what], status and f", {status}")
         if on_step:
             on_step(info)
 

@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import io
+import logging
 import os
 import re
 import sys
@@ -124,6 +125,12 @@ def run_command(
     except (ValueError, RuntimeError, OSError, ImportError, gymnasium.error.Error) as error:
         fail(error)
         sys.exit(status)
+
+
+def show_log() -> None:
+    """Print messages of the package's loggers to standard error, from level INFO on."""
+    logging.basicConfig(format="%(name)s: %(message)s")
+    logging.getLogger("lidarnaut").setLevel(logging.INFO)
 
 
 def make_console() -> Console:

@@ -181,7 +181,8 @@ def main(
         world: library world, procedural family, or path of a world YAML or map_server YAML.
         robot: library robot or path of a robot YAML; default is the robot of the world.
         physics: bullet or kinematic.
-        slam: hector (default), tinyslam, gmapping, graph, odometry, truth, or `module:attribute` of a custom SLAM.
+        slam: hector, tinyslam, gmapping, graph, odometry or truth, also with parameters such as
+            `hector?preset=faithful`, or `module:attribute` of a custom SLAM.
         people: number of people, or a crowd such as `dense` or `20?attentive=0.5`.
         control_hz: steps per second.
         seed: seed of world and noise.

@@ -122,7 +122,8 @@ def test_a_failed_save_is_said_and_does_no_harm(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("event", "slam"), [((pygame.KEYDOWN, {"key": pygame.K_q}), "graph"), ((pygame.QUIT, {}), "gmapping")]
+    ("event", "slam"),
+    [((pygame.KEYDOWN, {"key": pygame.K_q}), "graph?preset=cartographer"), ((pygame.QUIT, {}), "gmapping")],
 )
 def test_q_and_closing_the_window_quit(event, slam):
     pygame.display.init()

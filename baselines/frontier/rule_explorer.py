@@ -62,6 +62,14 @@ class RuleExplorer:
     def markers(self) -> Markers | None:
         return Markers.of([self.navigator]) if self._has_begun else None
 
+    @property
+    def status(self) -> str:
+        """Goal, and numbers of reachable frontiers and of blacklisted goals or failed drives, for the log."""
+        if (navigator := self.navigator) is None or not self._has_begun:
+            return ""
+        goal, failed = np.round(navigator.target or (), 2).tolist(), getattr(self.rule, "blacklist", navigator.failures)
+        return f"goal {goal}, {len(navigator.candidates)} frontiers, {len(failed)} blacklisted"
+
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self.navigator = FrontierNavigator(
             robot,

@@ -19,10 +19,12 @@ from lidarnaut.baselines.frontier.rules import CELL
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.distance_transform import squared_distances
-from lidarnaut.envs.navigation import Candidates, crop_to_known
+from lidarnaut.envs.navigation import Candidates, DwbPlanner, crop_to_known
 from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 from lidarnaut.envs.navigation.frontiers import information_gain
+from lidarnaut.envs.navigation.planning_params import DwbParams, NavigatorParams, PlanningParams
 from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
 
 LOGGER = logging.getLogger(__name__)
 
@@ -145,13 +147,42 @@ class FrontierUtility:
         return (np.hypot(gaps[..., 0], gaps[..., 1]) < radius).any(axis=1)
 
 
+_SPEEDS = DwbParams(max_vel_x=0.78, max_vel_theta=2.0, acc_lim_x=4.0, acc_lim_theta=5.0, sim_time=2.5)
+_SCALES = replace(_SPEEDS, base_obstacle_scale=0.05, path_align_scale=35.0, path_dist_scale=35.0, goal_align_scale=26.0)
+_GOALS = replace(_SCALES, goal_dist_scale=26.0, forward_point_distance=0.2, xy_goal_tolerance=0.3)
+AGV_DWB = replace(_GOALS, width=10.0, inflation_radius=0.6, cost_scaling_factor=2.5)
+"""DWB parameters of the report, section 3.3.2; scales and angular acceleration from its program."""
+AGV_PLANNING = PlanningParams(inflation=0.231, cost_scaling_factor=2.5)
+"""Costmap of the report, section 3.3.2: `inflation_radius` 0.6 m, less the radius of Tugbot."""
+AGV_LIMITS = NavigatorParams(stuck_time=30.0, max_goal_tolerance=0.3)
+"""Stuck detection and goal tolerance of the report, sections 3.4.3 and 3.3.2."""
+
+
 class FrontierExplorer(RuleExplorer):
     """Drives to the frontier cluster with the highest information gain divided by distance."""
 
     rule: FrontierUtility
 
-    def __init__(self, params: FrontierParams = FrontierParams()) -> None:
-        super().__init__(FrontierUtility(params), max_time=COMMITTED)
+    def __init__(self, params: FrontierParams = FrontierParams(), dwb: DwbParams | None = None) -> None:
+        """Create an explorer that drives by pure pursuit, or with `dwb` by DWB and the report's values of all parts."""
+        nav2: Any = {} if dwb is None else {"planning": AGV_PLANNING, "params": AGV_LIMITS}
+        super().__init__(FrontierUtility(params), max_time=COMMITTED, **nav2)
+        self.dwb = dwb
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        super().reset(robot, control_period, rng)
+        self._planner = DwbPlanner(robot, control_period, self.dwb) if self.dwb else None
+
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        twist, planner = super().act(reading, belief), self._planner
+        drive: Any = self.navigator and self.navigator.navigator
+        if planner is None or self.end_reason or drive.is_recovering or drive.plan is None:
+            return twist
+        if math.dist(drive.goal, belief.pose[:2]) > drive.numbers["goal_tolerance"]:
+            planner.set_path(drive.plan)
+            twist = planner.command(belief.pose, drive.velocity, drive.obstacles)
+            drive.note_command(twist)
+        return twist
 
 
 def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -132,7 +132,7 @@ def make_changed(make: Callable[..., Any], changes: Mapping[str, Any]) -> Any:
 
     own = getattr(signature(make).parameters.get("params"), "default", None)
     policy = make(changed(own)) if is_dataclass(own) else make()
-    for part in ("params", "planning"):
+    for part in ("params", "planning", "dwb"):
         if is_dataclass(params := getattr(policy, part, None)):
             setattr(policy, part, changed(params))
     if hasattr(policy, "max_time"):

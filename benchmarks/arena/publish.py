@@ -28,7 +28,7 @@ from lidarnaut.envs.command_line import make_console
 from lidarnaut.envs.files import printable, read_json, write_file
 from lidarnaut.envs.measures import SUCCESS
 from lidarnaut.envs.progress import Progress
-from lidarnaut.envs.slam import SLAM_NAMES
+from lidarnaut.envs.slam import base_name
 
 TEXT = (
     "All policies run in the same worlds from the same starts with the same noise, and are measured against ground "
@@ -61,7 +61,7 @@ def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[in
     groups: dict[tuple[str, str], list[str]] = {}
     for failure in failures:
         where = f"{failure.key.world} with {failure.key.robot}"
-        where += "" if failure.key.slam in SLAM_NAMES else f" and {failure.key.slam}"
+        where += "" if base_name(failure.key.slam) else f" and {failure.key.slam}"
         groups.setdefault((where, failure.reason), []).append(short(failure.key.policy))
     return {group: (len(names), ", ".join(dict.fromkeys(names))) for group, names in groups.items()}
 

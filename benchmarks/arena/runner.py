@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import logging
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -130,7 +131,8 @@ class Evaluation:
                 locks.enter_context(Lock(self.folder, f"lock-{self._shard}"))
             self._records.begin()
             self._missing = self._not_found(self._missing)
-            tasks = [replace(task, has_recording=record) for task in self._missing]
+            is_logged = logging.getLogger("lidarnaut").isEnabledFor(logging.INFO)
+            tasks = [replace(task, has_recording=record, is_logged=is_logged) for task in self._missing]
             if bags:
                 own_folder(bags)
                 tasks = [replace(task, bag=bags / f"{episode_name(task.key._asdict())}.mcap") for task in tasks]

@@ -126,8 +126,8 @@ class Settings(Section):
     physics: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
     """Simulators: `bullet`, `kinematic`, or `usual` for the environment's default."""
     slam: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--localizer"])] = Field(default=(USUAL,), min_length=1)
-    """SLAMs: `hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth` or `module:attribute`. With a known map,
-    localizers: `amcl`, `odometry` or `truth`."""
+    """SLAMs: `hector`, `tinyslam`, `gmapping`, `graph`, `odometry` or `truth`, also with parameters
+    (`hector?preset=faithful`), or `module:attribute`. With a known map, localizers: `amcl`, `odometry` or `truth`."""
     people: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
     """Numbers of people, or presets (`sparse`, `dense`, `corridor`, `doorway`, `crossing`), optionally with parameters:
     `20?attentive=0.5,model=orca`; `usual` is the environment's default."""

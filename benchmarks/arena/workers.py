@@ -23,6 +23,7 @@ from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.policies import Policy, short
 from lidarnaut.benchmarks.arena.settings import Case
 from lidarnaut.benchmarks.arena.trace import Recorder
+from lidarnaut.envs.command_line import show_log
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.player import EpisodeRecorder
 from lidarnaut.envs.processes import interrupts_held
@@ -48,6 +49,8 @@ class Job:
     """Output file for a ROS 2 bag; None for no bag."""
     has_recording: bool = False
     """Whether to record the episode for replay in a browser."""
+    is_logged: bool = False
+    """Whether the process of the episode prints messages of level INFO."""
 
     @property
     def conditions(self) -> tuple[Any, ...]:
@@ -127,6 +130,8 @@ class _Worker:
             return Result(task.key, reason=explain_fault(error))
 
     def _run(self, task: Job) -> Result:
+        if task.is_logged:
+            show_log()
         if self._env is None or task.conditions != self._conditions:
             self.close()
             self._env, self._conditions = task.make_env(), task.conditions

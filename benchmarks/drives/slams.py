@@ -35,7 +35,7 @@ from lidarnaut.envs.logs.runs import measure, replay
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.robots import load_robot
-from lidarnaut.envs.slam import SLAM_NAMES, SLAMS, make_slam
+from lidarnaut.envs.slam import SLAM_NAMES, base_name, make_slam, read_params
 from lidarnaut.envs.tasks.coverage import map_iou
 from lidarnaut.envs.worlds import load_world
 from lidarnaut.envs.worlds.procedural import FAMILIES
@@ -72,7 +72,6 @@ def compare_slams(
     seeds: Count = 5,
     minutes: float = 10.0,
     physics: Literal["bullet", "kinematic"] = "kinematic",
-    preset: str = "default",
     tilt: float = 0.0,
     picture: Path | None = None,
 ) -> list[Row]:
@@ -81,14 +80,13 @@ def compare_slams(
     Results are medians over seeds.
 
     Args:
-        slams: names of SLAMs, `odometry` for raw odometry.
+        slams: names of SLAMs, also with parameters as in `hector?preset=faithful`; `odometry` for raw odometry.
         drives: `WORLD:ROBOT`, names or paths.
-        log: log of a real robot; SLAMs use their preset `intel`.
+        log: log of a real robot; SLAMs without a preset use `intel`.
         relations: file of relative poses for the log (Kuemmerle et al., 2009).
         seeds: drives per world, and runs on the log.
         minutes: duration of a drive [min].
         physics: simulator.
-        preset: SLAM parameters on the drives.
         tilt: lidar pitch, positive down, unknown to the SLAM [deg].
         picture: also plot the maps of the last drive or of the log to this file.
     """
@@ -104,7 +102,7 @@ def compare_slams(
         walls, start = setup.area.walls, setup.world.spawns[0]
         panels = [Panel("Ground truth, and the path driven", walls, recorded[-1].truth)]
         for slam_name in Progress(slams, name, leave=False):
-            slam = make_slam(slam_name, robot.lidar, RESOLUTION, preset, robot.odometry.noise)
+            slam = make_slam(slam_name, robot.lidar, RESOLUTION, odometry_noise=robot.odometry.noise)
             found = []
             for seed, drive in enumerate(recorded):
                 row, poses = measure_drive(setup, drive, slam, seed)
@@ -126,8 +124,8 @@ def compare_on_log(
     """Return each SLAM's median errors over seeds on a real robot's log; plot the last seed's maps to `picture`."""
     log, relations, rows, panels = load_log(log_path), load_labelled(relations_path), [], []
     for name in Progress(slams, log_path.stem, leave=False):
-        params, found = SLAMS[name].load("intel"), []
-        slam = make_slam(name, log.lidar, params.resolution, params)
+        params, found = read_params(name, "intel"), []
+        slam = make_slam(base_name(name), log.lidar, params.resolution, params)
         for seed in range(seeds):
             replayed = replay(log, slam, seed)
             run = measure(log, slam, name, seed, replayed, relations)

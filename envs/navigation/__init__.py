@@ -21,7 +21,7 @@ from .navigator import Navigator
 from .obstacles import NO_POINTS, free_distance
 from .paths import TravelField, is_path_valid, plan_path, smooth_path, travel_field
 from .planning_map import PlanningMap
-from .planning_params import NavigatorParams, PlanningParams
+from .planning_params import DwbParams, NavigatorParams, PlanningParams
 from .regulated_pursuit import FollowerParams, PathFollower
 from .views import NUM_SECTORS
 
@@ -38,6 +38,7 @@ __all__ = [
     "Candidates",
     "Costmap",
     "CostmapParams",
+    "DwbParams",
     "DwbPlanner",
     "FollowerParams",
     "FrontierNavigator",

@@ -18,15 +18,8 @@ ROTATE_TO_GOAL, OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, G
 NUM_CRITICS = 7
 
 
-FRONT_DISTANCE = 0.1
-"""Distance from the robot to the point ahead that alignment critics score [m] (Nav2's `forward_point_distance`)."""
-STOPPED_SPEED = 0.25
-SLOWING_FACTOR = 5.0
-"""Weight of the squared forward speed while the robot stops at the goal [s2/m2]."""
-
-
 class RolloutParams(NamedTuple):
-    """Trajectory simulation parameters: initial twist, acceleration limits, duration, maximum step and turn."""
+    """Trajectory simulation: initial twist, acceleration limits, and parameters of critics and steps (`DwbParams`)."""
 
     v: float
     w: float
@@ -35,6 +28,9 @@ class RolloutParams(NamedTuple):
     sim_time: float
     linear_granularity: float
     angular_granularity: float
+    forward_point_distance: float
+    trans_stopped_velocity: float
+    slowing_factor: float
 
 
 class Rasters(NamedTuple):
@@ -51,14 +47,14 @@ class Rasters(NamedTuple):
 
 
 class Ending(NamedTuple):
-    """State of the robot relative to the goal, for DWB's critics `RotateToGoal` and `PathAlign`."""
+    """State of the robot relative to the goal, for DWB's critics `RotateToGoal`, `GoalAlign` and `PathAlign`."""
 
     is_near: bool
     """True if the robot is within the goal tolerance. Always False for goals without a heading."""
     heading: float
     """Goal heading, base frame [rad]."""
     aligns: bool
-    """True if the critic `PathAlign` is used: the goal is farther than `FRONT_DISTANCE` (0.1 m) from the robot."""
+    """True if the critic `PathAlign` is used: the goal is farther from the robot than `forward_point_distance`."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -136,8 +132,8 @@ def _rotate_to_goal(v, poses, num_steps, rollout, ending):
     if not ending.is_near:
         return 0.0
     error = abs(wrap_angle(poses[num_steps - 1, 2] - ending.heading))
-    if abs(rollout.v) > STOPPED_SPEED:
-        return v * v * SLOWING_FACTOR + error if abs(v) < abs(rollout.v) else np.nan
+    if abs(rollout.v) > rollout.trans_stopped_velocity:
+        return v * v * rollout.slowing_factor + error if abs(v) < abs(rollout.v) else np.nan
     return error if v == 0.0 else np.nan
 
 
@@ -194,7 +190,7 @@ def judge(twists, banned, rollout, ending, rasters, people, radius, scores):
     """
     poses = np.empty((1000, 3))
     to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]
-    resolution = rasters.resolution
+    resolution, ahead = rasters.resolution, rollout.forward_point_distance
     for i in range(twists.shape[0]):
         v, w = twists[i]
         scores[i] = np.nan
@@ -205,11 +201,13 @@ def judge(twists, banned, rollout, ending, rasters, people, radius, scores):
         if math.isnan(cost) or meets_people(poses, num_steps, people, rollout.sim_time, radius):
             continue
         x, y, theta = poses[num_steps - 1]
-        front_x, front_y = x + FRONT_DISTANCE * math.cos(theta), y + FRONT_DISTANCE * math.sin(theta)
+        front_x, front_y = x + ahead * math.cos(theta), y + ahead * math.sin(theta)
         scores[i, ROTATE_TO_GOAL] = _rotate_to_goal(v, poses, num_steps, rollout, ending)
         scores[i, OSCILLATION] = 0.0
         scores[i, BASE_OBSTACLE] = cost
-        scores[i, GOAL_ALIGN] = _steps_at(to_goal_ahead, front_x, front_y, resolution, False)
+        # Unlike in Nav2, the final turn is not biased towards the goal.
+        aligned = 0.0 if ending.is_near else _steps_at(to_goal_ahead, front_x, front_y, resolution, False)
+        scores[i, GOAL_ALIGN] = aligned
         scores[i, PATH_ALIGN] = _steps_at(to_path, front_x, front_y, resolution, False) if ending.aligns else 0.0
         scores[i, PATH_DIST] = _steps_at(to_path, x, y, resolution, True)
         scores[i, GOAL_DIST] = _steps_at(to_goal, x, y, resolution, True)

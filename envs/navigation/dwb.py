@@ -15,48 +15,32 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 from .costmap import CostmapParams, inflate
-from .critics import FRONT_DISTANCE, NUM_CRITICS, Ending, Rasters, RolloutParams, cell_of, judge, spread
+from .critics import NUM_CRITICS, Ending, Rasters, RolloutParams, cell_of, judge, spread
 from .obstacles import without_people
+from .planning_params import DwbParams
 from .regulated_pursuit import NEAREST_WINDOW, nearest_index
-
-# Values of Nav2's bring-up file.
-MAX_W = 1.0
-"""Maximum yaw rate [rad/s], limited by the robot."""
-NUM_V, NUM_W = 20, 20
-"""Numbers of sampled forward speeds and yaw rates."""
-SIM_TIME = 1.7
-"""Duration of a simulated trajectory [s]."""
-LINEAR_GRANULARITY, ANGULAR_GRANULARITY = 0.05, 0.025
-"""Maximum step [m] and turn [rad] between poses of a trajectory."""
-GOAL_TOLERANCE = 0.25
-"""Distance to the goal that starts the final turn [m]."""
-RESET_DISTANCE, RESET_ANGLE = 0.05, 0.2
-"""Distance [m] or angle [rad] from the last reversal after which the robot may reverse again."""
-ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE = 32.0, 1.0, 0.02
-GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE = 24.0, 32.0, 32.0, 24.0
-RESOLUTION = 0.05
-"""Cell side of the local costmap [m]."""
-SIZE = 3.0
-"""Minimum side of the local costmap [m]."""
-INFLATION = 0.48
-"""Width of the zone with increased costs around the footprint [m]."""
 
 
 class DwbPlanner:
     """Local planner that samples velocity commands and scores their trajectories."""
 
-    def __init__(self, robot: RobotParams, control_period: float) -> None:
-        self._robot = robot
-        self._max_w = min(MAX_W, robot.max_w)
-        self._horizon = robot.max_v * SIM_TIME + FRONT_DISTANCE
-        half = math.ceil(max(0.5 * SIZE, self._horizon + robot.radius) / RESOLUTION)
+    turns_at_goal = True
+
+    def __init__(self, robot: RobotParams, control_period: float, params: DwbParams = DwbParams()) -> None:
+        self._robot, self._params, resolution = robot, params, params.resolution
+        self._max_v, self._max_w = min(params.max_vel_x, robot.max_v), min(params.max_vel_theta, robot.max_w)
+        self._acc = params.acc_lim_x or robot.max_acc_v, params.acc_lim_theta or robot.max_acc_w
+        self._horizon = self._max_v * params.sim_time + params.forward_point_distance
+        half = math.ceil(max(0.5 * params.width, self._horizon + robot.radius) / resolution)
         self._side = 2 * half + 1
         # Obstacles may lie anywhere in their cells.
-        costmap = CostmapParams(robot.radius + 0.5 * RESOLUTION, robot.radius + INFLATION)
-        self._reach, self._table = costmap.reach(RESOLUTION), costmap.table(RESOLUTION)
-        # As in Nav2, a step costs half a cell's side.
-        steps = np.array([GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE]) * 0.5 * RESOLUTION
-        self._scales = np.array([ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE, *steps])
+        radius, inflation_radius = robot.radius + 0.5 * resolution, params.inflation_radius or robot.radius + 0.48
+        costmap = CostmapParams(radius, max(radius, inflation_radius), params.cost_scaling_factor)
+        self._reach, self._table = costmap.reach(resolution), costmap.table(resolution)
+        scales = params.goal_align_scale, params.path_align_scale, params.path_dist_scale, params.goal_dist_scale
+        # As in Nav2, a step costs half a cell's side. `Oscillation` only rejects twists.
+        steps = np.array(scales) * 0.5 * resolution
+        self._scales = np.array([params.rotate_to_goal_scale, 1.0, params.base_obstacle_scale, *steps])
         self._rasters = np.empty((3, self._side, self._side), dtype=np.int32)
         # Signs of the last nonzero speeds, and banned signs, 0 for none.
         self._signs, self._banned = np.zeros(2), np.zeros(2)
@@ -64,6 +48,7 @@ class DwbPlanner:
         self._path = np.empty((0, 2))
         self._index = 0
         self._heading: float | None = None
+        self._tolerance = params.xy_goal_tolerance
         self._has_no_path = False
         self.tracks = np.empty((0, 5))
         self.blocked = False
@@ -72,26 +57,31 @@ class DwbPlanner:
     def remaining(self) -> np.ndarray:
         return self._path[self._index :]
 
-    def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
-        """Set the path, shape (n, 2), map frame [m], and the goal heading [rad], None for any."""
+    def set_path(self, path: np.ndarray, heading: float | None = None, tolerance: float = math.inf) -> None:
+        """Set the path, shape (n, 2), map frame [m], and the goal heading [rad], None for any.
+
+        `tolerance`: upper limit of `xy_goal_tolerance` for this goal [m].
+        """
         self._path = path
         self._index = 0
-        self._heading = heading
+        self._heading, self._tolerance = heading, min(tolerance, self._params.xy_goal_tolerance)
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
+        params = self._params
         self._index = nearest_index(self._path, pose.x, pose.y, self._index, NEAREST_WINDOW)
         costs, squared = self._look(without_people(obstacles, self.tracks))
         to_goal = self._measure(pose, costs)
         self._allow_turning_back(pose)
-        limits = self._robot.max_acc_v, self._robot.max_acc_w
-        rollout = RolloutParams(*twist, *limits, SIM_TIME, LINEAR_GRANULARITY, ANGULAR_GRANULARITY)
-        is_near = self._heading is not None and to_goal <= GOAL_TOLERANCE
+        steps = params.sim_time, params.linear_granularity, params.angular_granularity
+        critics = params.forward_point_distance, params.trans_stopped_velocity, params.slowing_factor
+        rollout = RolloutParams(*twist, *self._acc, *steps, *critics)
+        is_near = self._heading is not None and to_goal <= self._tolerance
         heading = wrap_angle(self._heading - pose.theta) if self._heading is not None else 0.0
-        ending = Ending(is_near, heading, to_goal > FRONT_DISTANCE)
+        ending = Ending(is_near, heading, to_goal > params.forward_point_distance)
         twists = self._samples(twist)
         scores = np.empty((len(twists), NUM_CRITICS))
         bans = tuple(banned == sign for banned in self._banned.tolist() for sign in (-1.0, 1.0))
-        rasters = Rasters(costs, squared, self._rasters, RESOLUTION)
+        rasters = Rasters(costs, squared, self._rasters, params.resolution)
         judge(twists, bans, rollout, ending, rasters, self.tracks, self._robot.radius, scores)
         totals = scores @ self._scales
         self.blocked = bool(np.isnan(totals).all())
@@ -103,25 +93,24 @@ class DwbPlanner:
         return Twist(v, w)
 
     def _samples(self, twist: Twist) -> np.ndarray:
-        robot = self._robot
-        reach_v, reach_w = robot.max_acc_v * SIM_TIME, robot.max_acc_w * SIM_TIME
-        lows = max(0.0, min(twist.v - reach_v, robot.max_v)), max(-self._max_w, twist.w - reach_w)
-        highs = min(robot.max_v, max(twist.v + reach_v, 0.0)), min(self._max_w, twist.w + reach_w)
-        speeds = np.unique(np.append(np.linspace(lows[0], highs[0], NUM_V), 0.0))
-        rates = np.unique(np.append(np.linspace(lows[1], highs[1], NUM_W), 0.0))
+        params, (reach_v, reach_w) = self._params, np.multiply(self._acc, self._params.sim_time)
+        lows = max(0.0, min(twist.v - reach_v, self._max_v)), max(-self._max_w, twist.w - reach_w)
+        highs = min(self._max_v, max(twist.v + reach_v, 0.0)), min(self._max_w, twist.w + reach_w)
+        speeds = np.unique(np.append(np.linspace(lows[0], highs[0], params.vx_samples), 0.0))
+        rates = np.unique(np.append(np.linspace(lows[1], highs[1], params.vtheta_samples), 0.0))
         return np.stack(np.meshgrid(speeds, rates, indexing="ij"), axis=-1).reshape(-1, 2)
 
     def _look(self, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         data = np.zeros((self._side, self._side), dtype=np.int8)
-        cells = np.floor(obstacles / RESOLUTION + 0.5 * self._side).astype(np.int64)
+        cells = np.floor(obstacles / self._params.resolution + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
         data[cells[:, 1], cells[:, 0]] = OCCUPIED
         return inflate(data, self._reach, self._table), squared_distances(data > 0, self._reach)
 
     def _measure(self, pose: Pose2D, costs: np.ndarray) -> float:
-        side = self._side
+        side, resolution, ahead = self._side, self._params.resolution, self._params.forward_point_distance
         points = pose.inverse().transform(self.remaining)
-        cells = np.floor(points / RESOLUTION + 0.5 * side).astype(np.int64)
+        cells = np.floor(points / resolution + 0.5 * side).astype(np.int64)
         along = lengths_along(points)
         inside = ((cells >= 0) & (cells < side)).all(axis=1)
         if not inside.all():
@@ -134,11 +123,11 @@ class DwbPlanner:
         # Aim beyond reach only if an obstacle covers the path: the robot would leave a path that turns back.
         beyond = ends[along[ends] >= self._horizon][:1]
         end = int(beyond[0]) if len(beyond) else int(ends[-1]) if len(ends) else 0
-        self._has_no_path = end < len(points) - 1 and along[end] < GOAL_TOLERANCE
+        self._has_no_path = end < len(points) - 1 and along[end] < self._tolerance
         spread(costs, to_goal, flat[end : end + 1] if len(ends) else flat[:0])
         x, y = points[end]
         bearing = math.atan2(y, x)
-        cell = cell_of(x + FRONT_DISTANCE * math.cos(bearing), y + FRONT_DISTANCE * math.sin(bearing), side, RESOLUTION)
+        cell = cell_of(x + ahead * math.cos(bearing), y + ahead * math.sin(bearing), side, resolution)
         spread(costs, to_goal_ahead, np.array([cell])[: cell >= 0])
         return float(np.hypot(*points[-1]))
 
@@ -146,12 +135,14 @@ class DwbPlanner:
         if self._turned_at is None:
             return
         away = self._turned_at.between(pose)
-        if math.hypot(away.x, away.y) > RESET_DISTANCE or abs(away.theta) > RESET_ANGLE:
+        params = self._params
+        distance, angle = params.oscillation_reset_dist, params.oscillation_reset_angle
+        if math.hypot(away.x, away.y) > distance or abs(away.theta) > angle:
             self._turned_at = None
             self._signs, self._banned = np.zeros(2), np.zeros(2)
 
     def _take_note(self, pose: Pose2D, v: float, w: float) -> None:
-        signs = np.sign([v, w if abs(v) <= RESET_DISTANCE else 0.0])
+        signs = np.sign([v, w if abs(v) <= self._params.x_only_threshold else 0.0])
         turned = signs * self._signs < 0.0
         self._banned = np.where(turned, -signs, self._banned)
         self._signs = np.where(signs == 0.0, self._signs, signs)

@@ -68,7 +68,8 @@ class FrontierNavigator:
         self.navigator.reset(reading)
         self._level = 0
         self._seen = np.empty((0, 3))
-        self._failures = NO_POINTS
+        self.failures = NO_POINTS
+        """Frontiers of failed drives, shape (n, 2), map frame [m]."""
         self.target: tuple[float, float] | None = None
         """Last chosen frontier (x, y), map frame [m]."""
         self._last_failed = False
@@ -188,7 +189,7 @@ class FrontierNavigator:
             return False
         self._num_looks += not goes_on
         planning.look_again_at(self._given_up)
-        self._given_up, self._failures = NO_POINTS, NO_POINTS
+        self._given_up, self.failures = NO_POINTS, NO_POINTS
         height, width = planning.occupancy.shape
         if not self._has_start:
             self.navigator.spin()
@@ -249,7 +250,7 @@ class FrontierNavigator:
         if update.redrawn:
             if (correction := update.correction) is not None:
                 # Stored positions move with the map.
-                self._failures = correction.apply(self._failures)
+                self.failures = correction.apply(self.failures)
                 self._seen[:, :2] = correction.apply(self._seen[:, :2])
                 self.map.ignored_points = correction.apply(self.map.ignored_points)
                 if self.target is not None:
@@ -324,7 +325,7 @@ class FrontierNavigator:
         self._level = level
         height, width = planning.occupancy.shape
         raster = planning.occupancy, planning.expansion.predecessor.reshape(height + 2, width + 2)
-        past = self._seen, self._failures, self.target or NO_POSITION, self.params.retry_radius
+        past = self._seen, self.failures, self.target or NO_POSITION, self.params.retry_radius
         frame = *planning.origin, planning.side
         self._seen, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
         self.candidates = Candidates(table, int(chosen), self._last_failed, cells, planning.costmap_of(layer))
@@ -355,8 +356,8 @@ class FrontierNavigator:
 
     def _fail(self) -> None:
         assert self.target is not None
-        self._failures = np.vstack([self._failures, self.target])
-        near = np.hypot(*(self._failures - self.target).T) <= self.params.retry_radius
+        self.failures = np.vstack([self.failures, self.target])
+        near = np.hypot(*(self.failures - self.target).T) <= self.params.retry_radius
         if np.count_nonzero(near) >= self.params.max_failures:
             planning = self.map
             planning.refresh()

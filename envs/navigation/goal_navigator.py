@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from lidarnaut.envs.navigation.navigator import Navigator
 from lidarnaut.envs.navigation.navigator_kernels import FAILED
 from lidarnaut.envs.navigation.paths import exits, is_path_valid, plan_path, smooth_path
 from lidarnaut.envs.navigation.planning_map import PlanningMap
-from lidarnaut.envs.navigation.planning_params import NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation.planning_params import DwbParams, NavigatorParams, PlanningParams
 from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
 from lidarnaut.envs.navigation.regulated_pursuit import FAST, PathFollower, turn_rate
 from lidarnaut.envs.robots import RobotParams
@@ -57,7 +57,7 @@ BLOCKED_REASONS = {
 DETOUR_TIME = 10.0
 """After a failed drive, people count as obstacles in path planning for this time [s]."""
 APPROACH_DISTANCE = 0.3
-"""Distance to a goal with a heading below which pure pursuit replaces the local planner [m]."""
+"""Distance to a goal with a heading below which pure pursuit replaces local planners that do not turn [m]."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Search around the goal: distance between search points, and maximum path length to the next point [m]."""
 HOME = (0.0, 0.0)
@@ -76,7 +76,8 @@ class LocalPlanner(Protocol):
     """Interface of local planners, which follow one path at a time.
 
     Constructed with robot, control period [s] and random generator. Obstacles are in the base frame, so stops do not
-    depend on the pose estimate. An attribute `tracks` is set to tracked people; see `PeopleTracker.people`.
+    depend on the pose estimate. An attribute `tracks` is set to tracked people; see `PeopleTracker.people`. With
+    `turns_at_goal = True`, `set_path(path, heading, tolerance)` also gets heading [rad] and tolerance [m] of the goal.
     """
 
     @property
@@ -152,9 +153,12 @@ class GoalNavigator:
         self,
         params: GoalParams = GoalParams(),
         planning: PlanningParams | None = None,
+        dwb: DwbParams = DwbParams(),
     ) -> None:
         """Create a navigator. `planning`: parameters; None for defaults that depend on whether the map is known."""
         self.params, self.planning = params, planning
+        self.dwb = dwb if params.local_planner == "dwb" else None
+        """Parameters of the local planner `dwb`; None for others."""
         self.goal: tuple[float, float] | None = None
         """Goal (x, y), map frame [m]."""
         self.target: tuple[float, float] | None = None
@@ -169,7 +173,10 @@ class GoalNavigator:
         limits = NavigatorParams(goal_tolerance=0.0, max_recoveries=self.params.max_recoveries)
         self._navigator = Navigator(robot, control_period, limits)
         make_planner = resolve(self.params.local_planner, LOCAL_PLANNERS, "local planner")
-        self._planner = make_planner(robot, control_period, rng)
+        self._planner: Any = make_planner(robot, control_period, rng)
+        if isinstance(self._planner, DwbPlanner) and self.dwb is not None:
+            self._planner = DwbPlanner(robot, control_period, self.dwb)
+        self._turns_itself = getattr(self._planner, "turns_at_goal", False)
         self._tracker = (
             PeopleTracker(robot.lidar, control_period, SENSITIVE_TRACKER) if self.params.track_people else None
         )
@@ -291,10 +298,12 @@ class GoalNavigator:
             planning.integrate(pose, self._without_people(reading, belief), self._robot.lidar)
         is_at_goal = self._is_at_goal(pose)
         turn = 0.0 if self._heading is None else wrap_angle(self._heading - pose.theta)
-        if is_at_goal and abs(turn) > self._heading_tolerance:
+        is_turning, final_turn = abs(turn) > self._heading_tolerance, Twist(0.0, turn_rate(turn, navigator.numbers))
+        if is_at_goal and is_turning:
             navigator.record["stuck_steps"] = -1  # not stuck; stalled turns still count
-            return Twist(0.0, turn_rate(turn, navigator.numbers))
-        if is_at_goal and not self._next_search_point(pose, planning):
+            if not self._turns_itself:
+                return final_turn
+        elif is_at_goal and not self._next_search_point(pose, planning):
             self.end_reason = "arrived"
             return STOP
         if self._has_path and self._is_due(self.params.check_period):
@@ -304,10 +313,12 @@ class GoalNavigator:
             self._has_path = is_near and is_path_valid(costmap, path, allow_unknown=allow_unknown)
         if not self._has_path and not self._find_path(pose, planning):
             return navigator.command(pose) if self.is_driving else STOP
-        if self._heading is not None and self._distance(pose) <= APPROACH_DISTANCE:
+        if self._heading is not None and not self._turns_itself and self._distance(pose) <= APPROACH_DISTANCE:
             navigator.follow(self._planner.remaining)
             return navigator.command(pose)
-        return self._planner.command(pose, navigator.velocity, navigator.obstacles)
+        twist: Twist = self._planner.command(pose, navigator.velocity, navigator.obstacles)
+        # Sampled yaw rates are too coarse for the last degrees.
+        return final_turn if is_at_goal and is_turning and twist.v == 0.0 else twist
 
     def _sense(self, reading: Reading, pose: Pose2D) -> bool:
         if reading.time < self._time:
@@ -376,7 +387,8 @@ class GoalNavigator:
                 if self._heading is not None and math.dist(path[-1], self.target) < planning.side:
                     path[-1] = self.target
                 path = smooth_path(costmap, path, allow_unknown=allow_unknown)
-                self._planner.set_path(path)
+                ending = (self._heading, self._tolerance) if self._turns_itself else ()
+                self._planner.set_path(path, *ending)
                 self._navigator.drive_to(path, keep_clocks=self._has_planned)
                 if not self._has_planned:
                     self._num_counted = 0

@@ -78,7 +78,7 @@ def navigator_numbers(
         "sees_around": lidar.fov > 2.0 * math.pi - 0.1,
         "range_min": lidar.range_min,
         "range_far": 2.0 * robot.radius + 0.3,  # range of remembered points
-        "goal_tolerance": min(params.goal_tolerance * robot.radius, 0.2),
+        "goal_tolerance": min(params.goal_tolerance * robot.radius, params.max_goal_tolerance),
         "stall_distance": 0.25 * robot.radius + 0.02,
         "spin_rate": min(robot.max_w, params.spin_rate),
         "back_reach": 0.5 * robot.radius + 0.1,

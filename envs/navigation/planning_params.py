@@ -1,6 +1,10 @@
 """Parameters of planning and navigation."""
 
+import math
 from dataclasses import dataclass
+
+import pydantic
+from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
 
 from lidarnaut.envs.navigation.costmap import CostmapParams
 
@@ -52,7 +56,9 @@ class NavigatorParams:
     replan_time: float = 4.0
     """Interval between replans of the path during a drive [s]."""
     goal_tolerance: float = 1.6
-    """Distance to the goal that counts as arrival, in robot radii, capped at 0.2 m."""
+    """Distance to the goal that counts as arrival, in robot radii, limited by `max_goal_tolerance`."""
+    max_goal_tolerance: float = 0.2
+    """Maximum distance to the goal that counts as arrival [m]."""
     frontier_radius: float = 0.4
     """Radius around the chosen frontier [m]; the drive ends early when no frontier cell is left inside."""
     stall_time: float = 3.0
@@ -80,3 +86,52 @@ class NavigatorParams:
     """Number of failed drives after which a frontier is ignored."""
     max_looks: int = 40
     """Maximum number of retries per episode when people may have blocked the passage to the last frontiers."""
+
+
+@pydantic.dataclasses.dataclass(frozen=True, slots=True)
+class DwbParams:
+    """Parameters of the local planner DWB, with names and values of Nav2's bring-up file. The robot limits speeds."""
+
+    max_vel_x: PositiveFloat = math.inf
+    """Maximum forward speed [m/s]."""
+    max_vel_theta: PositiveFloat = 1.0
+    """Maximum yaw rate [rad/s]."""
+    acc_lim_x: PositiveFloat | None = None
+    acc_lim_theta: PositiveFloat | None = None
+    """Forward and yaw acceleration in simulated trajectories [m/s2, rad/s2]; None for those of the robot."""
+    vx_samples: PositiveInt = 20
+    vtheta_samples: PositiveInt = 20
+    """Numbers of sampled forward speeds and yaw rates."""
+    sim_time: PositiveFloat = 1.7
+    """Duration of a simulated trajectory [s]."""
+    linear_granularity: PositiveFloat = 0.05
+    angular_granularity: PositiveFloat = 0.025
+    """Maximum distance [m] and turn [rad] between poses of a trajectory."""
+    xy_goal_tolerance: PositiveFloat = 0.25
+    """Distance to the goal that starts the final turn [m]."""
+    trans_stopped_velocity: PositiveFloat = 0.25
+    """Forward speed below which the robot turns at the goal [m/s]; a faster robot brakes first."""
+    slowing_factor: NonNegativeFloat = 5.0
+    """Weight of the squared forward speed while the robot brakes at the goal [s2/m2]."""
+    forward_point_distance: NonNegativeFloat = 0.1
+    """Distance from the robot to the point ahead that the alignment critics score [m]."""
+    x_only_threshold: NonNegativeFloat = 0.05
+    """Forward speed above which changes of the turning direction do not count as oscillation [m/s]."""
+    oscillation_reset_dist: NonNegativeFloat = 0.05
+    oscillation_reset_angle: NonNegativeFloat = 0.2
+    """Distance [m] or angle [rad] from the last reversal after which the robot may reverse again."""
+    base_obstacle_scale: NonNegativeFloat = 0.02
+    path_align_scale: NonNegativeFloat = 32.0
+    goal_align_scale: NonNegativeFloat = 24.0
+    path_dist_scale: NonNegativeFloat = 32.0
+    goal_dist_scale: NonNegativeFloat = 24.0
+    rotate_to_goal_scale: NonNegativeFloat = 32.0
+    """Weights of the critics: traversal cost, distances to path and goal (point ahead, and robot), heading error."""
+    width: PositiveFloat = 3.0
+    """Minimum side of the square local costmap [m]; larger if trajectories are longer."""
+    resolution: PositiveFloat = 0.05
+    """Cell side of the local costmap [m]."""
+    inflation_radius: PositiveFloat | None = None
+    """Distance from obstacles within which costs increase [m], at least the robot's radius; None for 0.48 m more."""
+    cost_scaling_factor: NonNegativeFloat = 3.0
+    """Exponential decay rate of the inflation cost with distance [1/m]."""

@@ -4,7 +4,7 @@ import copy
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from lidarnaut.envs.estimation import Belief, Estimator
 from lidarnaut.envs.files import resolve, split_parameters
@@ -27,21 +27,13 @@ from .slam_params import (
 )
 from .tinyslam import KnownPoses, TinySlam
 
-
-class Kind(NamedTuple):
-    """SLAM algorithm: constructor and function that loads parameters."""
-
-    make: Callable[[LidarParams, Any], Estimator]
-    load: Callable[..., Any]
-
-
-SLAMS: dict[str, Kind] = {
-    "tinyslam": Kind(TinySlam, load_params),
-    "hector": Kind(Hector, partial(load_params, slam="hector")),
-    "graph": Kind(GraphSlam, partial(load_params, slam="graph")),
-    "gmapping": Kind(GMapping, partial(load_params, slam="gmapping")),
-    "odometry": Kind(KnownPoses, load_params),
-    "truth": Kind(KnownPoses, load_params),
+SLAMS: dict[str, Callable[[LidarParams, Any], Estimator]] = {
+    "tinyslam": TinySlam,
+    "hector": Hector,
+    "graph": GraphSlam,
+    "gmapping": GMapping,
+    "odometry": KnownPoses,
+    "truth": KnownPoses,
 }
 """SLAM algorithms by name. "odometry" and "truth" only build a map, at odometry or ground-truth poses."""
 SLAM_NAMES = tuple(SLAMS)
@@ -62,7 +54,7 @@ def read_params(name: str, preset: str | Path | Params = "default", changes: Map
         ValueError: the name, the preset, a key or a value is invalid.
     """
     base, own = split_parameters(name)
-    preset, load = own.pop("preset", preset), SLAMS[base].load
+    preset, load = own.pop("preset", preset), partial(load_params, slam=base if base in PRESETS else "tinyslam")
     try:
         params: Params = load(preset, changes)
         return load(params, own) if own else params
@@ -99,7 +91,7 @@ def make_slam(
         changes: dict[str, Any] = {"resolution": resolution}
         if odometry_noise is not None:
             changes["odometry_noise"] = odometry_noise
-        return SLAMS[base].make(lidar, read_params(name, preset, changes))
+        return SLAMS[base](lidar, read_params(name, preset, changes))
     unknown = name.partition("?")[0] if isinstance(name, str) else name
     found: Any = resolve(unknown, dict[str, Any](SLAMS), "SLAM")
     if callable(found):

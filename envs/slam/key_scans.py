@@ -103,7 +103,7 @@ class KeyScanSlam(ABC):
 
     def __init__(self, lidar: LidarParams, params: Any) -> None:
         self.params = params
-        self._lidar = lidar
+        self._lidar = params.limited(lidar)
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.reset(np.random.default_rng(0))
 

@@ -1,5 +1,6 @@
+import math
 from collections.abc import Mapping
-from dataclasses import asdict, field
+from dataclasses import asdict, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -7,7 +8,7 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from lidarnaut.envs.files import parse_record, read_mapping, resolve
-from lidarnaut.envs.robots import OdometryNoise
+from lidarnaut.envs.robots import LidarParams, OdometryNoise
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -31,12 +32,21 @@ class SlamParams:
     median_width: NotNegative = 0.0
     """Width of a median filter over neighbouring beams of a scan [m]; 0 for none. Against range noise that makes walls
     thicker than a map cell."""
+    max_range: Positive | None = None
+    """Range above which readings count as no return [m]: matching ignores them, mapping clears cells up to this range,
+    or ignores the beam (`skip_exceeding`). None for the lidar's maximum range."""
     map_width: Positive = 20.0
     """Initial map size along x [m]; grows when needed."""
     map_height: Positive = 20.0
     """Initial map size along y [m]; grows when needed."""
     resolution: Positive = 0.05
     """Side of a map cell at the finest resolution [m]."""
+
+    def limited(self, lidar: LidarParams) -> LidarParams:
+        """Return the lidar with `max_range`; ValueError if it does not exceed `range_min`."""
+        if self.max_range is not None and self.max_range <= lidar.range_min:
+            raise ValueError(f"max_range must exceed the lidar's range_min {lidar.range_min:g}, got {self.max_range:g}")
+        return replace(lidar, range_max=min(self.max_range or math.inf, lidar.range_max))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
@@ -192,8 +202,12 @@ class GraphSlamParams(HectorParams):
     """Chi-square above which loop-closure constraints get a lower weight."""
     max_chi2: Positive = 54.0
     """Chi-square above which loop-closure constraints are excluded from the pose graph."""
+    linear_search_window: Positive = 4.0
+    """Maximum half width of a loop-closure search [m]; the half width grows with the path between the scans."""
     optimise_every: Count = 10
     """Number of successful loop-closure searches after which the pose graph is optimised."""
+    optimise_nodes: Count | None = None
+    """Number of nodes after which the pose graph is optimised if loops were closed; None for no such limit."""
     urgent_correction: NotNegative = 0.1
     """Position correction by a loop closure above which the pose graph is optimised at once [m]."""
     max_iterations: Count = 5

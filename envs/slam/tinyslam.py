@@ -53,7 +53,7 @@ class TinySlam(KnownPoses):
         self._wide_search = self._search._replace(
             sigma_xy=WIDE_SPREAD[0] / params.resolution, sigma_theta=WIDE_SPREAD[1]
         )
-        self._monitor = LocalizationMonitor(lidar, LOST_SCANS)
+        self._monitor = LocalizationMonitor(params.limited(lidar), LOST_SCANS)
         self._noise, self._trace = np.empty((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
         super().__init__(lidar, params)
 

@@ -84,7 +84,7 @@ class Explore(UnknownWorldTask):
     | argument | default | meaning |
     |---|---|---|
     | `world` | `"turtlebot3_world"` | library world, procedural family (such as `rooms`), path of a world YAML or of a `map_server` YAML, a `World`, or a list of these to draw from |
-    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures), `"gmapping"` (one robot), `"odometry"` or `"truth"` (mapping at odometry or true poses), or your own, see `lidarnaut.envs.slam.make_slam` |
+    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures), `"gmapping"` (one robot), `"odometry"` or `"truth"` (mapping at odometry or true poses), also with parameters (`"hector?preset=faithful"`), or your own, see `lidarnaut.envs.slam.make_slam` |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |
     | `start` | `"random"` | see Starting State |
     | `split` | `"train"` | seeds of a procedural family: `"train"` or `"test"` |

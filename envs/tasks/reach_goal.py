@@ -111,7 +111,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     | argument | default | meaning |
     |---|---|---|
-    | `slam` | `"odometry"` | source of the pose: `"odometry"` or `"truth"`, without a map, or a SLAM, see `lidarnaut.envs.slam.make_slam` |
+    | `slam` | `"odometry"` | source of the pose: `"odometry"` or `"truth"`, without a map, or a SLAM, also with parameters (`"graph?preset=cartographer"`), see `lidarnaut.envs.slam.make_slam` |
     | `goal` | `"random"` | see Starting State |
     | `goal_given` | `"pose"` | `"pose"`, or `"bearing"` without distance; then `pursuit`, `dwb`, `mppi` and the planned `carrot` aim at a point 2 m away in its direction, updated after 0.5 m |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |

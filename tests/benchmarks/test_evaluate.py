@@ -236,3 +236,18 @@ def test_an_interrupt_while_workers_start_is_one_line(tmp_path):
     assert done.returncode == 130, done.stderr
     assert "Interrupted. Finished episodes are kept" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_progress_is_logged_if_asked(tmp_path, jobs):
+    options = "--episodes 1 --physics kinematic --time-limit 21 --slam truth --policies nearest random --worlds"
+    command = [sys.executable, "evaluate.py", *options.split(), WORLD, "--jobs", jobs, "--out", str(tmp_path)]
+    silent, logged = (
+        subprocess.run([*command, "--out", str(tmp_path / name), *more], cwd=ROOT, capture_output=True, text=True)
+        for name, more in (("silent", ()), ("logged", ("-v",)))
+    )
+    assert "lidarnaut." not in silent.stderr
+    lines = [line for line in logged.stderr.splitlines() if line.startswith("lidarnaut.baselines.episode: ")]
+    assert len([line for line in lines if "RandomExplorer, seed 0, 20 s: explored_fraction 0." in line]) == 1
+    pattern = r"NearestExplorer, seed 0, 10 s: explored_fraction 0\.\d{3}, goal \[.*\], \d+ frontiers, 0 blacklisted"
+    assert any(re.search(pattern, line) for line in lines)

@@ -70,7 +70,7 @@ def test_a_classic_policy_and_random_are_compared_and_played(id, tmp_path, capsy
         (
             "lidarnaut/Navigate-v0",
             "nearest",
-            "'nearest' cannot do this task; allowed are pursuit, pursuit:fast, dwb, mppi, random",
+            "'nearest' cannot do this task; allowed are pursuit, pursuit:fast, dwb, dwb:agv, mppi, random",
         ),
         ("lidarnaut/Explore-v0", "rrt_team", "'rrt_team' cannot do this task; allowed are random, nearest"),
         ("lidarnaut/ExploreFrontiers-v0", "rrt", "'rrt' cannot do this task; allowed are random, nearest, frontier"),
@@ -125,6 +125,20 @@ def test_parameters_of_a_policy_and_of_its_navigator_are_set_by_name():
     assert (params.hysteresis, params.max_stops) == (3.0, 8)
     assert (explorer.max_time, explorer.planning.inflation) == (float("inf"), 0.2)
     assert list(explorer.planning.view_distances) == [0.0, 0.5]
+
+
+def test_parameters_of_dwb_are_set_by_name():
+    published = parse_policy("frontier:published?sim_time=1.2,stuck_time=20,cluster_tolerance=0.4").make()
+    assert (published.dwb.sim_time, published.dwb.max_vel_x, published.params.stuck_time) == (1.2, 0.78, 20.0)
+    assert published.rule._params.cluster_tolerance == 0.4
+    env = gymnasium.make("lidarnaut/Navigate-v0", physics="kinematic")
+    env.reset(seed=0)
+    makers = policies_for(env)
+    assert parse_policy("dwb:agv?vx_samples=5", makers).make().dwb.acc_lim_x == 4.0
+    assert parse_policy("dwb?goal_tolerance=0.3,sim_time=2.5", makers).make().dwb.sim_time == 2.5
+    for name, message in (("dwb?sim_time=-1", "sim_time"), ("pursuit?sim_time=2.5", "unknown parameter 'sim_time'")):
+        with pytest.raises(ValueError, match=message):
+            parse_policy(name, makers)
 
 
 def test_learned_policies_draw_their_actions_if_asked():

@@ -6,7 +6,7 @@ from scipy.ndimage import binary_dilation
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lines import resample
-from lidarnaut.envs.navigation import DwbPlanner
+from lidarnaut.envs.navigation import DwbParams, DwbPlanner
 from lidarnaut.envs.navigation.critics import (
     BASE_OBSTACLE,
     GOAL_DIST,
@@ -33,7 +33,7 @@ NOBODY = np.empty((0, 5))
 
 
 def motion(v=0.0, w=0.0, acc=1e9):
-    return RolloutParams(v, w, acc, acc, 1.0, 0.005, 0.0025)
+    return RolloutParams(v, w, acc, acc, 1.0, 0.005, 0.0025, 0.1, 0.25, 5.0)
 
 
 STANDING = motion()
@@ -164,3 +164,66 @@ def test_the_planner_swerves_around_what_sticks_out_into_its_path_and_ends_in_th
     assert math.hypot(pose.x - 3.0, pose.y) < 0.25
     assert abs(pose.theta + 2.0) < 0.1
     assert gap > BURGER.radius
+
+
+def test_parameters_limit_speeds_and_change_the_forecast():
+    robot, path = load_robot("tugbot"), resample(np.array([[0.0, 0.0], [8.0, 0.0]]), 0.05)
+    speeds = {}
+    for name, params in (
+        ("usual", DwbParams()),
+        ("slow", DwbParams(max_vel_x=0.3)),
+        ("gentle", DwbParams(acc_lim_x=0.1, vx_samples=40)),
+        ("large", DwbParams(width=10.0, sim_time=2.5)),
+    ):
+        planner = DwbPlanner(robot, 0.1, params)
+        planner.set_path(path)
+        speeds[name] = planner.command(Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), NOTHING).v
+        assert planner._side * params.resolution >= params.width
+    assert 0.0 < speeds.pop("gentle") <= 0.1 * 1.7
+    assert speeds == {"usual": 0.78, "slow": 0.3, "large": 0.78}
+
+
+def test_the_inflation_radius_is_that_of_nav2_and_at_least_the_footprint():
+    box = np.array([[x, 0.62] for x in np.linspace(0.2, 1.5, 60)])
+    path = resample(np.array([[0.0, 0.0], [4.0, 0.0]]), 0.05)
+    costs = [DwbPlanner(BURGER, 0.1, DwbParams(inflation_radius=radius))._look(box)[0] for radius in (0.05, 0.3, 1.0)]
+    planner = DwbPlanner(BURGER, 0.1, DwbParams(inflation_radius=0.05))
+    planner.set_path(path)
+    assert planner.command(Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), box).v > 0.0
+    assert [np.count_nonzero(each) for each in costs] == sorted(np.count_nonzero(each) for each in costs)
+    assert (costs[0][costs[0] > 0] >= 253).all()
+    assert not (costs[1][costs[1] > 0] >= 253).all()
+
+
+def test_turns_of_a_moving_robot_are_no_oscillation():
+    path = resample(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05)
+    banned = []
+    for threshold in (0.05, math.inf):
+        planner = DwbPlanner(BURGER, 0.1, DwbParams(x_only_threshold=threshold))
+        planner.set_path(path)
+        for y in (-0.1, 0.1):
+            turn = planner.command(Pose2D(0.0, y, 0.0), Twist(0.2, 0.0), NOTHING)
+            assert turn.v > 0.05
+            assert turn.w * y < 0.0
+        banned.append(planner._banned.tolist())
+    assert banned == [[0.0, 0.0], [0.0, 1.0]]
+
+
+def test_the_robot_stops_within_the_smaller_tolerance_before_it_turns():
+    distances = []
+    for tolerance in (0.6, 0.1):
+        planner, twist = DwbPlanner(BURGER, 0.1, DwbParams(xy_goal_tolerance=0.3)), Twist(0.0, 0.0)
+        pose = Pose2D(0.0, 0.0, 0.0)
+        planner.set_path(resample(np.array([[0.0, 0.0], [1.0, 0.0]]), 0.05), heading=2.0, tolerance=tolerance)
+        while abs(pose.theta) < 0.5:
+            twist = planner.command(pose, twist, NOTHING)
+            pose = pose.compose(Pose2D(twist.v * 0.1, 0.0, twist.w * 0.1))
+        distances.append(1.0 - pose.x)
+    assert 0.1 < distances[0] <= 0.3
+    assert distances[1] <= 0.1
+
+
+@pytest.mark.parametrize("wrong", [{"sim_time": 0.0}, {"vx_samples": 0}, {"resolution": -0.05}, {"max_vel_x": "fast"}])
+def test_values_that_make_no_sense_are_named(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        DwbParams(**wrong)

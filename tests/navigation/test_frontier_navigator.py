@@ -325,7 +325,7 @@ def test_a_drive_goes_on_when_the_map_is_corrected():
     navigator, belief = robot.navigator, robot.belief
     robot.decide()
     target, plan, goal = np.array(navigator.target), navigator.plan.copy(), np.array(navigator.navigator.goal)
-    navigator._failures = np.array([(3.2, 1.9), (0.5, 0.5)])
+    navigator.failures = np.array([(3.2, 1.9), (0.5, 0.5)])
     navigator.map.ignore(np.array([(3.0, 2.1)]))
     ignored = navigator.map.ignored_points.copy()
     moved = Pose2D(0.5, 0.25, 0.5 * math.pi)
@@ -345,7 +345,7 @@ def test_a_drive_goes_on_when_the_map_is_corrected():
 
     np.testing.assert_allclose(navigator.target, moved.transform(target[None])[0], atol=1e-9)
     np.testing.assert_allclose(navigator.navigator.goal, moved.transform(goal[None])[0], atol=1e-9)
-    np.testing.assert_allclose(navigator._failures, moved.transform([(3.2, 1.9), (0.5, 0.5)]), atol=1e-9)
+    np.testing.assert_allclose(navigator.failures, moved.transform([(3.2, 1.9), (0.5, 0.5)]), atol=1e-9)
     np.testing.assert_allclose(navigator.map.ignored_points, moved.transform(ignored), atol=1e-9)
     # The new path ends at the end of the old path.
     np.testing.assert_allclose(navigator.plan[-1], moved.transform(plan[-1:])[0], atol=0.15)

@@ -8,10 +8,11 @@ from lidarnaut.baselines.policy import to_action
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief, MapUpdate
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
-from lidarnaut.envs.navigation import GoalNavigator, GoalParams, Navigator
+from lidarnaut.envs.navigation import DwbParams, GoalNavigator, GoalParams, Navigator
 from lidarnaut.envs.navigation.goal_navigator import LOCAL_PLANNERS
 from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
 from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from tests.baselines.maps import reading_of
@@ -324,3 +325,31 @@ def test_reactive_driving_covers_ground_without_contact():
         assert info["collisions"] == 0
         assert info["path_length"] > 2.0
         assert np.ptp(positions, axis=0).max() > 1.0
+
+
+def test_dwb_gets_the_heading_of_the_goal_and_turns_by_its_own_critic():
+    navigator = navigator_to((2.0, 0.0), local_planner="dwb")
+    navigator.set_tolerances(0.2, 0.4)
+    navigator.set_goal((2.0, 0.0, 2.0))
+    pose, twist, turned = HERE, Twist(0.0, 0.0), []
+    for k in range(400):
+        twist = navigator.act(reading_of(time=0.1 * k), Belief(pose, hall()))
+        pose = pose.compose(Pose2D(0.1 * twist.v, 0.0, 0.1 * twist.w))
+        if math.dist(pose[:2], (2.0, 0.0)) < 0.1:
+            turned.append(twist)
+        if navigator.end_reason:
+            break
+    planner = navigator._planner
+    assert (planner._heading, planner._tolerance) == (2.0, 0.1)
+    assert navigator.end_reason == "arrived"
+    assert abs(pose.theta - 2.0) < 0.2
+    # The critic brakes first, and then turns on the spot.
+    assert all(one.v == 0.0 for one in turned if abs(one.w) > 0.5)
+
+
+def test_parameters_of_dwb_are_those_of_dwb_only():
+    navigator = GoalNavigator(GoalParams(local_planner="dwb"), dwb=DwbParams(max_vel_x=0.1))
+    navigator.reset(BURGER, 0.1, np.random.default_rng(0))
+    navigator.set_goal((2.0, 0.0))
+    assert 0.05 < navigator.act(reading_of(), Belief(HERE, hall())).v <= 0.1
+    assert GoalNavigator(GoalParams(local_planner="mppi")).dwb is None

@@ -33,7 +33,7 @@ def test_every_robot_is_whole(name):
 
 def test_robots_whose_makers_fuse_the_gyroscope_into_odometry():
     fusing = {name for name in ROBOT_NAMES if load_robot(name).odometry.uses_gyro}
-    assert fusing == {"turtlebot3_burger", "turtlebot3_waffle_pi", "create3", "jackal"}
+    assert fusing == {"turtlebot3_burger", "turtlebot3_waffle_pi", "turtlebot3_waffle_pi_x3", "create3", "jackal"}
     assert all(load_robot(name).imu.gyro_bias_std > 0 for name in fusing)
 
 

@@ -67,7 +67,7 @@ class GMapping(KeyScanSlam):
 
     def __init__(self, lidar: LidarParams, params: GMappingParams) -> None:
         self._matcher = MatcherParams.of(params)
-        self._monitor = LocalizationMonitor(lidar, params.lost_scans)
+        self._monitor = LocalizationMonitor(params.limited(lidar), params.lost_scans)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: None = None) -> Belief:

@@ -1,3 +1,4 @@
+import math
 from functools import cache
 
 import numpy as np
@@ -57,7 +58,7 @@ class GraphSlam(Hector):
         self._correction = self._graph_correction = pose
         self._mapped = GrowingArray((3,), np.float64, 256)
         self._rendering: MapRendering | None = None
-        self._loop_nodes = self._iterations = 0
+        self._loop_nodes = self._iterations = self._last_optimised = 0
         self._is_urgent = False
         return super().reset(rng, pose)
 
@@ -173,9 +174,12 @@ class GraphSlam(Hector):
             self.graph.add_constraint(loop.node, loop.submap, loop.relative, loop.covariance, is_loop=True)
             moved = distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y)
             self._is_urgent |= moved > self.params.urgent_correction
-        is_due = self._loop_nodes >= self.params.optimise_every or self._is_urgent
+        params, count = self.params, len(self.nodes)
+        is_long = self._loop_nodes > 0 and count - self._last_optimised >= (params.optimise_nodes or math.inf)
+        is_due = self._loop_nodes >= params.optimise_every or is_long or self._is_urgent
         if is_due and self._rendering is None and not self._iterations:
-            self._iterations, self._loop_nodes, self._is_urgent = self.params.max_iterations, 0, False
+            self._iterations, self._loop_nodes, self._is_urgent = params.max_iterations, 0, False
+            self._last_optimised = count
 
     def _optimise_once(self) -> None:
         params, arrays = self.params, self.graph.arrays

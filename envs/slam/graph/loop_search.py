@@ -20,8 +20,8 @@ from lidarnaut.envs.slam.slam_params import GraphSlamParams
 from .local_slam import submap_params
 from .nodes import NodeStore
 
-HALF_WIDTH, HALF_WIDTH_GROWTH, MAX_HALF_WIDTH = 0.5, 0.06, 4.0
-"""Half width of a loop-closure search: minimum [m], growth per metre of path between the scans, maximum [m]."""
+HALF_WIDTH, HALF_WIDTH_GROWTH = 0.5, 0.06
+"""Half width of a loop-closure search: minimum [m], growth per metre of path between the scans."""
 HALF_ANGLE, HALF_ANGLE_GROWTH, MAX_HALF_ANGLE = 0.1, 0.015, 0.6
 """Half angle of a loop-closure search: minimum [rad], growth per metre of path between the scans [rad/m], maximum
 [rad]."""
@@ -56,10 +56,10 @@ class Loop(NamedTuple):
     after: Pose2D
 
 
-def window_size(path_length: float) -> tuple[float, float]:
+def window_size(path_length: float, max_half_width: float) -> tuple[float, float]:
     """Return half width [m] and half angle [rad] of a loop-closure search; both grow with the distance driven [m]."""
     return (
-        min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, MAX_HALF_WIDTH),
+        min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, max_half_width),
         min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE),
     )
 
@@ -133,11 +133,11 @@ class LoopSearch:
         lengths = path_lengths(arrays.constraints, nodes.home, nodes.travelled, nodes.home[node])
         near = []
         distances = least_distances(arrays.nodes, nodes.spans[:count], node)
-        farthest = MAX_DISTANCE + 0.5 * MAX_HALF_WIDTH
+        farthest = MAX_DISTANCE + 0.5 * params.linear_search_window
         for submap in np.flatnonzero(distances <= farthest).tolist():
             if node - self._searched.get(submap, -params.submap_every) < params.submap_every:
                 continue
-            window, least = window_size(float(lengths[submap])), float(distances[submap])
+            window, least = window_size(float(lengths[submap]), params.linear_search_window), float(distances[submap])
             if least <= MAX_DISTANCE + 0.5 * window[0]:
                 near.append((least, submap, window))
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
@@ -171,7 +171,7 @@ class LoopSearch:
             map = LogOddsMap(self._field_params, self._lidar)
             map.integrate_all(*self._nodes.submap_scans(submap))
             field = Field.of(map.grid)
-            kept = field, build_pyramid(field, NUM_LEVELS, max(MAX_HALF_WIDTH, MAX_SURFACE))
+            kept = field, build_pyramid(field, NUM_LEVELS, max(self._params.linear_search_window, MAX_SURFACE))
         self._kept[submap] = kept
         if len(self._kept) > self._params.max_rendered:
             del self._kept[next(iter(self._kept))]

@@ -4,10 +4,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarnaut.baselines import FrontierExplorer, FrontierParams
+from lidarnaut.baselines import FrontierExplorer, FrontierParams, make_explorer
 from lidarnaut.baselines.frontier.utility import cluster, is_clear
 from lidarnaut.envs.geometry import OccupancyGrid
-from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.navigation import DwbParams, crop_to_known
 from tests.baselines.maps import BURGER, belief_at, candidates_from, first_choice, hall, reading_of
 
 
@@ -103,3 +103,26 @@ def test_a_robot_walled_in_by_its_own_map_says_that_it_is_stuck():
         if explorer.end_reason is None:
             explorer.act(reading_of(time=0.1 * k), belief_at(5.0, 0.0, grid))
     assert explorer.end_reason == "stuck"
+
+
+def test_published_values_reach_planning_driving_and_dwb():
+    explorer = make_explorer("frontier:published")
+    dwb, limits, rule = explorer.dwb, explorer.params, explorer.rule._params
+    assert (dwb.max_vel_x, dwb.max_vel_theta, dwb.acc_lim_x, dwb.sim_time, dwb.width) == (0.78, 2.0, 4.0, 2.5, 10.0)
+    assert (dwb.inflation_radius, limits.stuck_time, limits.stuck_distance) == (0.6, 30.0, 0.5)
+    assert dwb.xy_goal_tolerance == limits.max_goal_tolerance == 0.3
+    assert (rule.cluster_tolerance, rule.min_frontier_size, rule.blacklist_radius) == (0.5, 8, 1.2)
+    assert FrontierExplorer().dwb is None
+
+
+def test_dwb_drives_to_the_frontier_with_its_parameters():
+    speeds = []
+    for params in (None, DwbParams(max_vel_x=0.1), DwbParams()):
+        explorer = FrontierExplorer(dwb=params)
+        explorer.reset(BURGER, 0.1, np.random.default_rng(0))
+        for k in range(12):
+            twist = explorer.act(reading_of(time=0.1 * k), belief_at(5.0, 0.0))
+        speeds.append(twist.v)
+    assert 0.05 < speeds[1] <= 0.1 < speeds[2]
+    assert "goal [10." in explorer.status
+    assert "0 blacklisted" in explorer.status

@@ -9,9 +9,9 @@ from lidarnaut.envs.slam.posegraph import PoseGraph
 
 
 def test_windows_grow_with_the_path_up_to_a_limit():
-    assert window_size(0.0) == (0.5, 0.1)
-    assert window_size(10.0) == pytest.approx((1.1, 0.25))
-    assert window_size(1e3) == (4.0, 0.6)
+    assert window_size(0.0, 4.0) == (0.5, 0.1)
+    assert window_size(10.0, 4.0) == pytest.approx((1.1, 0.25))
+    assert window_size(1e3, 4.0) == (4.0, 0.6)
 
 
 def loop(node, before, shift):

@@ -1,0 +1,35 @@
+import json
+
+import pytest
+
+from lidarnaut.benchmarks.documents.__main__ import Command, main
+from lidarnaut.benchmarks.documents.figures import Figure
+
+
+def test_the_short_experiment_measures_and_draws(tmp_path, capsys):
+    command = Command("warehouse_agv", json=tmp_path / "figures.json", pictures=tmp_path, jobs=1, quick=True)
+    by_item = {figure.item: figure for figure in main(command)}
+    assert len(by_item) == 15
+    for policy in ("frontier:published", "frontier", "nearest"):
+        assert 10.0 < by_item[f"{policy}: explored share"].median < 99.0
+        assert 0.1 < by_item[f"{policy}: map IoU"].median < 0.9
+        assert by_item[f"{policy}: position error"].median < 0.1
+        assert by_item[f"{policy}: time to explore 99 %"].is_better(19.0)
+    assert "not reached" in capsys.readouterr().out
+    rows = json.loads((tmp_path / "figures.json").read_text())
+    assert rows[0] == {
+        "item": "frontier:published: time to explore 99 %",
+        "unit": "min",
+        "document": 20.0,
+        "here": None,
+        "better": False,
+    }
+    for name in ("map.png", "progress.png"):
+        assert 5_000 < (tmp_path / name).stat().st_size < 200_000
+    assert [figure.median for figure in main(command)] == [figure.median for figure in by_item.values()]
+
+
+@pytest.mark.parametrize(("best", "worst"), [("least", float("inf")), ("most", -float("inf"))])
+def test_runs_without_a_value_count_as_the_worst(best, worst):
+    figure = Figure("time", "s", [1.0, float("nan"), 3.0], best=best)
+    assert (figure.median, figure.worst) == (3.0 if best == "least" else 1.0, worst)
