@@ -9,7 +9,7 @@ import gymnasium
 from gymnasium import spaces
 
 from lidarnaut.envs.files import resolve
-from lidarnaut.envs.navigation import GoalNavigator, GoalParams
+from lidarnaut.envs.navigation import DockNavigator, GoalNavigator, GoalParams
 
 from .frontier.pursuit_explorer import PursuitExplorer
 from .frontier.rule_explorer import RuleExplorer
@@ -66,10 +66,11 @@ DRIVES = {
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
     "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},
+    "charge": {"dock": partial(DockNavigator, replace(_PATIENT, search_radius=0.0))},
     "route": {"route_follower": RouteFollower},
 }
-"""Constructors of single-robot policies by name, grouped by the attribute that a task must have: `coverage`, `goal` or
-`route`."""
+"""Constructors of single-robot policies by name, grouped by the attribute that a task must have: `coverage`, `goal`,
+`charge` or `route`."""
 TEAMS: Mapping[str, Makers] = {
     "coverage": {
         "rrt_team": RrtTeam,

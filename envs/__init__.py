@@ -25,6 +25,10 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
         {},
     ),
     "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.navigate:Navigate"}),
+    "lidarnaut/Dock-v0": (
+        LIDAR_ENV,
+        {"task": "lidarnaut.envs.tasks.dock:Dock", "world": "tugbot_warehouse", "robot": "tugbot"},
+    ),
     "lidarnaut/ReachGoal-v0": (LIDAR_ENV, {"task": _REACH}),
     "lidarnaut/ReachClutter-v0": (
         LIDAR_ENV,

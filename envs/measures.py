@@ -195,6 +195,15 @@ GOAL = (
 """Measures of navigation to a goal; `info` must contain `geodesic_distance` to the goal [m]."""
 
 
+DOCK = (
+    *GOAL,
+    Measure("distance_to_goal", "offset", "cm", False, scale=100.0),
+    Measure("heading_error", "offset of the heading", "deg", False, digits=2, scale=math.degrees(1.0)),
+    Measure("charge", "charge", "%", True, scale=100.0),
+)
+"""Measures of docking: those of goals, final offsets from the docked pose, and charge of the battery."""
+
+
 def sct(history: EpisodeHistory) -> float:
     """Return success weighted by completion time (SCT): 0 on failure, else ideal / actual time.
 

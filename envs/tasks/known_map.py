@@ -27,15 +27,10 @@ class KnownMapTask(WorldTask):
     """Base class of tasks with a known map: a localizer estimates the pose."""
 
     localizer: str = "amcl"
-    """Localizer: `"amcl"`, `"odometry"` or `"truth"`."""
     amcl: str | AmclParams = "default"
-    """Preset or parameters of AMCL."""
     initial_pose: Literal["known", "unknown"] = "known"
-    """Whether the localizer knows the start pose."""
     map: str | Path | OccupancyGrid | None = None
-    """Map, or path of a `map_server` YAML; None for the map of a perfect exploration."""
     map_pose: Any = (0.0, 0.0, 0.0)
-    """Pose (x, y, theta) of the map frame, world frame [m, rad]."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         if self.initial_pose not in ("known", "unknown"):
