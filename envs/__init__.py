@@ -29,6 +29,10 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
         LIDAR_ENV,
         {"task": "lidarnaut.envs.tasks.dock:Dock", "world": "tugbot_warehouse", "robot": "tugbot"},
     ),
+    "lidarnaut/Sweep-v0": (
+        LIDAR_ENV,
+        {"task": "lidarnaut.envs.tasks.sweep:Sweep", "world": "aws_small_house", "robot": "create3"},
+    ),
     "lidarnaut/ReachGoal-v0": (LIDAR_ENV, {"task": _REACH}),
     "lidarnaut/ReachClutter-v0": (
         LIDAR_ENV,

@@ -34,7 +34,7 @@ from lidarnaut.envs.logs import Log, load_log, rms, trajectory_errors
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.slam import KnownPoses, TinySlamParams
-from lidarnaut.envs.tasks.known_map import known_map
+from lidarnaut.envs.tasks.goals import known_map
 from lidarnaut.envs.worlds import load_world
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")

@@ -19,7 +19,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.localization import PRESETS, Amcl
 from lidarnaut.envs.logs import trajectory_errors
 from lidarnaut.envs.simulation import Reading
-from lidarnaut.envs.tasks.known_map import known_map
+from lidarnaut.envs.tasks.goals import known_map
 
 REPEATS = 5
 PARTICLE_TIMES = {"0": 0.0, "1": 0.2, "2": 3.0, "3": 15.0}

@@ -18,7 +18,7 @@ from lidarnaut.envs.navigation import (
     smooth_path,
     travel_field,
 )
-from lidarnaut.envs.tasks.known_map import known_map
+from lidarnaut.envs.tasks.goals import known_map
 from lidarnaut.envs.worlds import explorable_area, load_world
 
 

@@ -7,16 +7,22 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lidarnaut.envs.arguments import check_positive, is_pose
-from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
+from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.localization import Amcl, AmclParams, load_preset
 from lidarnaut.envs.measures import GOAL, Measure
 from lidarnaut.envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, TravelField, travel_field
 from lidarnaut.envs.robot import Robot
-from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.robots import LidarParams, RobotParams
 from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.worlds import ExplorableArea
 from lidarnaut.envs.worlds.world import kept_with_world
 
 from .starts import WorldTask
+
+LOCALIZERS = ("amcl", "odometry", "truth")
+"""Names of localizers. "odometry" and "truth" integrate measured or true motion from the true start."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -71,7 +77,6 @@ class GoalTask(WorldTask):
         return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
 
     def _draw_goal(self, rng: np.random.Generator) -> Pose2D:
-        """Return a random goal, world frame."""
         return draw_goal(self.area, self._true_pose, rng, self.min_distance)
 
     def _read_goal(self, goal: Any) -> str | Pose2D:
@@ -91,6 +96,21 @@ class GoalTask(WorldTask):
 
     def _usual_time(self, length: float) -> float:
         return 30.0 + 4.0 * length / self.robot.max_v
+
+
+def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:
+    """Create a localizer; ValueError for an unknown name or AMCL preset."""
+    if name not in LOCALIZERS:
+        raise ValueError(f"unknown localizer {name!r}; choose one of {', '.join(LOCALIZERS)}")
+    return Amcl(lidar, load_preset(preset)) if name == "amcl" else DeadReckoning()
+
+
+def known_map(area: ExplorableArea) -> OccupancyGrid:
+    """Return the map of a perfect exploration: all that the lidar can see."""
+    walls = area.walls
+    data = np.where(area.explorable, np.int8(FREE), np.int8(UNKNOWN))
+    data[walls.data > 0] = OCCUPIED
+    return OccupancyGrid(data, walls.resolution, walls.origin)
 
 
 @kept_with_world

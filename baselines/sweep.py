@@ -1,0 +1,184 @@
+"""Coverage of a known floor: lanes in cells after Choset, spirals after Gabriely and Rimon, random bounces."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy import ndimage
+
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.lines import resample
+from lidarnaut.envs.navigation import COST_INSCRIBED, Costmap, GoalNavigator, GoalParams, is_path_valid, travel_field
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
+from lidarnaut.envs.tasks.coverage import Frame
+from lidarnaut.envs.tasks.sweep import sweep
+
+from .reactive import WALL_MARGIN, WallFollower
+
+Patch = list[np.ndarray]
+"""Alternative tours of a part of the floor: waypoints (row, column), shape (n, 2), int."""
+TIGHT = 0
+"""Level of the planning map with the robot's own radius."""
+OVERLAP = 0.5
+"""Minimum overlap of neighbouring lanes [cells]."""
+STEPS = ((-1, 0), (0, 1), (1, 0), (0, -1))
+"""Neighbours (row, column) of a cell, counter-clockwise."""
+
+
+def boustrophedon(free: np.ndarray, width: int, start: tuple[int, int]) -> list[Patch]:
+    """Return parallel lanes along the longer axis of each cell of a boustrophedon decomposition.
+
+    Choset, "Coverage of Known Spaces: The Boustrophedon Cellular Decomposition" (2000), with slices of one row.
+
+    Args:
+        free: grid cells where the robot fits, shape (height, width), bool.
+        width: maximum distance between lanes [grid cells].
+        start: grid cell (row, column) of the robot.
+    """
+    cells: list[list[tuple[int, int, int]]] = []
+    last: list[list[tuple[int, int, int]]] = []  # cells that reach the previous row
+    for row, line in enumerate(np.diff(np.pad(free.astype(np.int8), ((0, 0), (1, 1))), axis=1)):
+        runs = list(zip(np.flatnonzero(line == 1).tolist(), (np.flatnonzero(line == -1) - 1).tolist(), strict=True))
+        above = [[cell for cell in last if cell[-1][1] <= b and a <= cell[-1][2]] for a, b in runs]
+        last = []
+        for (a, b), joined in zip(runs, above, strict=True):
+            is_one = len(joined) == 1 and sum(cell is joined[0] for others in above for cell in others) == 1
+            last.append(joined[0] if is_one else [])
+            cells += [] if is_one else last[-1:]
+            last[-1].append((row, a, b))
+    # Small cells are left for the end.
+    return [_zigzags(np.array(cell), width) for cell in cells if sum(b - a for _, a, b in cell) >= width**2]
+
+
+def _zigzags(cell: np.ndarray, width: int) -> Patch:
+    rows, first, last = cell.T
+    lanes = [((row, a), (row, b)) for row, a, b in cell]
+    if len(cell) > np.mean(last - first):
+        columns = ((col, rows[(first <= col) & (col <= last)]) for col in range(first.min(), last.max() + 1))
+        lanes = [((along[0], col), (along[-1], col)) for col, along in columns if len(along)]
+    chosen = np.linspace(0, len(lanes) - 1, 1 + math.ceil((len(lanes) - 1) / width)).round().astype(int)
+    tours = [np.vstack([lanes[k][:: (-1) ** (i + side)] for i, k in enumerate(chosen)]) for side in (0, 1)]
+    return [*tours, *(tour[::-1] for tour in tours)]
+
+
+def spiral(free: np.ndarray, width: int, start: tuple[int, int]) -> list[Patch]:
+    """Return tours around spanning trees of blocks of 2 x 2 lanes; arguments as for `boustrophedon`.
+
+    Gabriely and Rimon, "Spiral-STC: An On-line Coverage Algorithm of Grid Environments by a Mobile Robot" (2002).
+    """
+    size, patches = 2 * width, list[Patch]()
+    fits = np.lib.stride_tricks.sliding_window_view(free, (width + 1, width + 1)).all(axis=(2, 3))
+    low, left = max(np.ndindex(size, size), key=lambda offset: fits[offset[0] :: size, offset[1] :: size].sum())
+    blocks = set(map(tuple, np.argwhere(fits[low::size, left::size]).tolist()))
+    while blocks:
+        root = min(blocks, key=lambda block: math.dist(block, (start[0] / size, start[1] / size)))
+        branches, stack = set(), [(root, root, 0)]
+        while stack:
+            block, parent, step = stack.pop()
+            if block in blocks:
+                blocks.remove(block)
+                branches |= {(parent, step), (block, (step + 2) % 4)} if block != parent else set()
+                for turn in ((step + 2) % 4, (step + 1) % 4, step, (step + 3) % 4):
+                    stack.append(((block[0] + STEPS[turn][0], block[1] + STEPS[turn][1]), block, turn))
+        block, corner, tour = root, 0, []
+        while not tour or (block, corner) != (root, 0):
+            row, col = low + block[0] * size, left + block[1] * size
+            tour.append((row + width * (corner > 1), col + width * (corner in (1, 2))))
+            if (block, corner) in branches:
+                block, corner = (block[0] + STEPS[corner][0], block[1] + STEPS[corner][1]), (corner + 3) % 4
+            else:
+                corner = (corner + 1) % 4
+        points = np.array([*tour, tour[0]])
+        steps = np.diff(points, axis=0)
+        patches.append([points[np.append((steps != np.roll(steps, 1, axis=0)).any(axis=1), True)]])
+    return patches
+
+
+class SweepNavigator(GoalNavigator):
+    """Sweeps the floor of a known map: the nearest tour first, then remaining floor, the nearest first."""
+
+    def __init__(self, make_tours: Callable[[np.ndarray, int, tuple[int, int]], list[Patch]]) -> None:
+        """Create a policy; `make_tours`: a function such as `boustrophedon`."""
+        super().__init__(GoalParams(goal_tolerance=0.1, max_recoveries=2))
+        self._make_tours = make_tours
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        super().reset(robot, control_period, rng)
+        self._patches: list[Patch] | None = None
+        self._waypoints: list[tuple[float, float]] = []
+
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        x, y, _ = belief.pose
+        if self._patches is None:
+            self._begin(belief)
+        sweep(self._unswept, self._frame, np.array([[*self._position, x, y]]), self._robot.radius)
+        self._position = x, y
+        twist = super().act(reading, belief)
+        if self._is_at_wall(belief.pose, twist) or self.end_reason in ("arrived", "no_path", "stuck"):
+            self._advance(belief.pose)
+        return twist
+
+    def _is_at_wall(self, pose: Pose2D, twist: Twist) -> bool:
+        ((x, y),) = pose.inverse().transform(np.array([self.target]))
+        return self._has_path and twist.v <= 0.0 and 0.0 < x < 2.0 * self._robot.radius and abs(y) < 0.25 * x
+
+    def _begin(self, belief: Belief) -> None:
+        planning, radius = self._follow_map(belief), self._robot.radius
+        self._grid, self._position = planning.grid, belief.pose[:2]
+        self._frame = Frame(*planning.origin, planning.side)
+        costmap = planning.costmap(TIGHT, belief.pose)
+        field = travel_field(costmap, self._position)
+        self._free = np.zeros_like(costmap.costs, dtype=bool) if field is None else np.isfinite(field.costs)
+        self._free &= costmap.costs < COST_INSCRIBED
+        self._unswept = ndimage.distance_transform_edt(~self._free) * planning.side <= radius
+        self._width, self._is_second = max(1, int(2.0 * radius / planning.side - OVERLAP)), False
+        self._patches = self._make_tours(self._free, self._width, planning.cell(*self._position))
+        self._advance(belief.pose)
+
+    def _advance(self, pose: Pose2D) -> None:
+        assert self.map is not None
+        if not self._waypoints:
+            field = travel_field(self.map.costmap(TIGHT, pose), pose[:2])
+            tour = None if field is None else self._next_tour(field.costs)
+            if tour is None:
+                self.end_reason = "swept"
+                return
+            self._waypoints = list(map(tuple, self._grid.centers(tour).tolist()))
+        self.set_goal(self._waypoints.pop(0))
+
+    def _next_tour(self, costs: np.ndarray) -> np.ndarray | None:
+        wide = ndimage.binary_opening(self._unswept, np.ones((3, 3), dtype=bool))
+        if not self._patches and not self._is_second:
+            self._is_second, self._patches = True, boustrophedon(self._near(wide), self._width, (0, 0))
+        if self._patches:
+            tours = [(costs[tuple(tour[0])], k, tour) for k, patch in enumerate(self._patches) for tour in patch]
+            _, k, tour = min(tours, key=lambda one: one[:2])
+            del self._patches[k]
+            return tour
+        for floor in (wide, self._unswept):
+            cell = np.unravel_index(np.where(self._near(floor), costs, np.inf).argmin(), costs.shape)
+            if self._near(floor)[cell] and np.isfinite(costs[cell]):
+                at = self._grid.centers(np.array(cell))
+                sweep(self._unswept, self._frame, np.append(at, at)[None], self._robot.radius)  # one visit is enough
+                return np.array([cell])
+        return None
+
+    def _near(self, floor: np.ndarray) -> np.ndarray:
+        away = ndimage.distance_transform_edt(~floor) * self._frame.resolution
+        return self._free & (away <= 0.5 * self._robot.radius)
+
+    def _plan(self, pose: Pose2D, costmap: Costmap, *, drive_out: bool) -> np.ndarray | None:
+        line = resample(np.array([pose[:2], self.target]), costmap.grid.resolution)
+        return line if is_path_valid(costmap, line) else super()._plan(pose, costmap, drive_out=drive_out)
+
+
+class Bouncer(WallFollower):
+    """Drives straight to a wall, turns by a random angle, and drives on."""
+
+    def _command(self, obstacles: np.ndarray) -> Twist:
+        if self._is_free(obstacles, 0.0, WALL_MARGIN):
+            return self._drive(0.0)
+        self._navigator.spin(self._rng.uniform(0.4, 1.6) * math.pi)
+        return Twist(0.0, 0.0)
