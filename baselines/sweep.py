@@ -1,4 +1,4 @@
-"""Coverage of a known floor: lanes in cells after Choset, spirals after Gabriely and Rimon, random bounces."""
+"""Sweeping of a known floor: lanes in cells, tours around spanning trees, and random bounces."""
 
 import math
 from collections.abc import Callable
@@ -19,12 +19,10 @@ from .reactive import WALL_MARGIN, WallFollower
 
 Patch = list[np.ndarray]
 """Alternative tours of a part of the floor: waypoints (row, column), shape (n, 2), int."""
-TIGHT = 0
-"""Level of the planning map with the robot's own radius."""
 OVERLAP = 0.5
-"""Minimum overlap of neighbouring lanes [cells]."""
+"""Minimum overlap of neighbouring lanes [grid cells]."""
 STEPS = ((-1, 0), (0, 1), (1, 0), (0, -1))
-"""Neighbours (row, column) of a cell, counter-clockwise."""
+"""Steps (row, column) to the neighbours of a block, counter-clockwise."""
 
 
 def boustrophedon(free: np.ndarray, width: int, start: tuple[int, int]) -> list[Patch]:
@@ -69,27 +67,25 @@ def spiral(free: np.ndarray, width: int, start: tuple[int, int]) -> list[Patch]:
     Gabriely and Rimon, "Spiral-STC: An On-line Coverage Algorithm of Grid Environments by a Mobile Robot" (2002).
     """
     size, patches = 2 * width, list[Patch]()
-    fits = np.lib.stride_tricks.sliding_window_view(free, (width + 1, width + 1)).all(axis=(2, 3))
-    low, left = max(np.ndindex(size, size), key=lambda offset: fits[offset[0] :: size, offset[1] :: size].sum())
+    fits = np.array(np.lib.stride_tricks.sliding_window_view(free, (width + 1, width + 1)).all(axis=(2, 3)))
+    low, left = max(np.ndindex(size, size), key=lambda offset: np.sum(fits[offset[0] :: size, offset[1] :: size]))
     blocks = set(map(tuple, np.argwhere(fits[low::size, left::size]).tolist()))
     while blocks:
-        root = min(blocks, key=lambda block: math.dist(block, (start[0] / size, start[1] / size)))
-        branches, stack = set(), [(root, root, 0)]
+        block = root = min(blocks, key=lambda block: math.dist(block, (start[0] / size, start[1] / size)))
+        branches, stack, corner, tour = set(), [(root, root, 0)], 0, list[tuple[int, int]]()
         while stack:
-            block, parent, step = stack.pop()
-            if block in blocks:
-                blocks.remove(block)
-                branches |= {(parent, step), (block, (step + 2) % 4)} if block != parent else set()
-                for turn in ((step + 2) % 4, (step + 1) % 4, step, (step + 3) % 4):
-                    stack.append(((block[0] + STEPS[turn][0], block[1] + STEPS[turn][1]), block, turn))
-        block, corner, tour = root, 0, []
-        while not tour or (block, corner) != (root, 0):
+            found, parent, step = stack.pop()
+            if found in blocks:
+                blocks.remove(found)
+                branches |= {(parent, step), (found, (step + 2) % 4)} if found != parent else set()
+                for turn in ((step + k) % 4 for k in (2, 1, 0, 3)):
+                    stack.append(((found[0] + STEPS[turn][0], found[1] + STEPS[turn][1]), found, turn))
+        while not tour or (block, corner) != (root, 0):  # counter-clockwise around the tree
             row, col = low + block[0] * size, left + block[1] * size
             tour.append((row + width * (corner > 1), col + width * (corner in (1, 2))))
-            if (block, corner) in branches:
-                block, corner = (block[0] + STEPS[corner][0], block[1] + STEPS[corner][1]), (corner + 3) % 4
-            else:
-                corner = (corner + 1) % 4
+            if is_branch := (block, corner) in branches:
+                block = block[0] + STEPS[corner][0], block[1] + STEPS[corner][1]
+            corner = (corner + (3 if is_branch else 1)) % 4
         points = np.array([*tour, tour[0]])
         steps = np.diff(points, axis=0)
         patches.append([points[np.append((steps != np.roll(steps, 1, axis=0)).any(axis=1), True)]])
@@ -97,7 +93,7 @@ def spiral(free: np.ndarray, width: int, start: tuple[int, int]) -> list[Patch]:
 
 
 class SweepNavigator(GoalNavigator):
-    """Sweeps the floor of a known map: the nearest tour first, then remaining floor, the nearest first."""
+    """Sweeps the floor of a known map: the nearest tour first, then lanes and points on the rest of the floor."""
 
     def __init__(self, make_tours: Callable[[np.ndarray, int, tuple[int, int]], list[Patch]]) -> None:
         """Create a policy; `make_tours`: a function such as `boustrophedon`."""
@@ -108,66 +104,65 @@ class SweepNavigator(GoalNavigator):
         super().reset(robot, control_period, rng)
         self._patches: list[Patch] | None = None
         self._waypoints: list[tuple[float, float]] = []
+        self._position = 0.0, 0.0
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        x, y, _ = belief.pose
         if self._patches is None:
             self._begin(belief)
-        sweep(self._unswept, self._frame, np.array([[*self._position, x, y]]), self._robot.radius)
-        self._position = x, y
+        self._mark(*self._position, *belief.pose[:2])
+        self._position = belief.pose[:2]
         twist = super().act(reading, belief)
-        if self._is_at_wall(belief.pose, twist) or self.end_reason in ("arrived", "no_path", "stuck"):
+        ((x, y),) = belief.pose.inverse().transform(np.array([self.target]))
+        is_at_wall = self._has_path and twist.v <= 0.0 and 4.0 * abs(y) < x < 2.0 * self._robot.radius
+        if is_at_wall or self.end_reason in ("arrived", "no_path", "stuck"):
             self._advance(belief.pose)
         return twist
 
-    def _is_at_wall(self, pose: Pose2D, twist: Twist) -> bool:
-        ((x, y),) = pose.inverse().transform(np.array([self.target]))
-        return self._has_path and twist.v <= 0.0 and 0.0 < x < 2.0 * self._robot.radius and abs(y) < 0.25 * x
-
     def _begin(self, belief: Belief) -> None:
-        planning, radius = self._follow_map(belief), self._robot.radius
-        self._grid, self._position = planning.grid, belief.pose[:2]
-        self._frame = Frame(*planning.origin, planning.side)
-        costmap = planning.costmap(TIGHT, belief.pose)
+        planning, self._position = self._follow_map(belief), belief.pose[:2]
+        costmap, self._grid = planning.costmap(0, belief.pose), planning.grid
         field = travel_field(costmap, self._position)
-        self._free = np.zeros_like(costmap.costs, dtype=bool) if field is None else np.isfinite(field.costs)
-        self._free &= costmap.costs < COST_INSCRIBED
-        self._unswept = ndimage.distance_transform_edt(~self._free) * planning.side <= radius
-        self._width, self._is_second = max(1, int(2.0 * radius / planning.side - OVERLAP)), False
+        is_reached = False if field is None else np.isfinite(field.costs)
+        self._free = (costmap.costs < COST_INSCRIBED) & is_reached
+        self._unswept = self._near(self._free, self._robot.radius)
+        self._width, self._is_second = max(1, int(2.0 * self._robot.radius / planning.side - OVERLAP)), False
         self._patches = self._make_tours(self._free, self._width, planning.cell(*self._position))
         self._advance(belief.pose)
+
+    def _near(self, floor: np.ndarray, reach: float) -> np.ndarray:
+        return np.asarray(ndimage.distance_transform_edt(~floor) * self._grid.resolution <= reach)
+
+    def _mark(self, *line: float) -> None:
+        sweep(self._unswept, Frame(*self._grid.origin, self._grid.resolution), np.array([line]), self._robot.radius)
 
     def _advance(self, pose: Pose2D) -> None:
         assert self.map is not None
         if not self._waypoints:
-            field = travel_field(self.map.costmap(TIGHT, pose), pose[:2])
-            tour = None if field is None else self._next_tour(field.costs)
-            if tour is None:
-                self.end_reason = "swept"
-                return
-            self._waypoints = list(map(tuple, self._grid.centers(tour).tolist()))
-        self.set_goal(self._waypoints.pop(0))
+            field = travel_field(self.map.costmap(0, pose), pose[:2])
+            tour = () if field is None else self._grid.centers(self._next_tour(field.costs))
+            self._waypoints = [(x, y) for x, y in tour]
+        if self._waypoints:
+            self.set_goal(self._waypoints.pop(0))
+        else:
+            self.end_reason = "swept"
 
-    def _next_tour(self, costs: np.ndarray) -> np.ndarray | None:
-        wide = ndimage.binary_opening(self._unswept, np.ones((3, 3), dtype=bool))
+    def _next_tour(self, costs: np.ndarray) -> np.ndarray:
+        wide, reach = ndimage.binary_opening(self._unswept, np.ones((3, 3), dtype=bool)), 0.5 * self._robot.radius
         if not self._patches and not self._is_second:
-            self._is_second, self._patches = True, boustrophedon(self._near(wide), self._width, (0, 0))
+            rest = self._free & self._near(wide, reach)
+            self._is_second, self._patches = True, boustrophedon(rest, self._width, (0, 0))
         if self._patches:
             tours = [(costs[tuple(tour[0])], k, tour) for k, patch in enumerate(self._patches) for tour in patch]
             _, k, tour = min(tours, key=lambda one: one[:2])
             del self._patches[k]
             return tour
         for floor in (wide, self._unswept):
-            cell = np.unravel_index(np.where(self._near(floor), costs, np.inf).argmin(), costs.shape)
-            if self._near(floor)[cell] and np.isfinite(costs[cell]):
-                at = self._grid.centers(np.array(cell))
-                sweep(self._unswept, self._frame, np.append(at, at)[None], self._robot.radius)  # one visit is enough
-                return np.array([cell])
-        return None
-
-    def _near(self, floor: np.ndarray) -> np.ndarray:
-        away = ndimage.distance_transform_edt(~floor) * self._frame.resolution
-        return self._free & (away <= 0.5 * self._robot.radius)
+            rest = np.where(self._free & self._near(floor, reach), costs, np.inf)
+            if math.isfinite(rest.min()):
+                cell = np.array(np.unravel_index(rest.argmin(), rest.shape))
+                self._mark(*self._grid.centers(cell), *self._grid.centers(cell))  # one visit is enough
+                return cell[None]
+        return np.empty((0, 2), dtype=int)
 
     def _plan(self, pose: Pose2D, costmap: Costmap, *, drive_out: bool) -> np.ndarray | None:
         line = resample(np.array([pose[:2], self.target]), costmap.grid.resolution)

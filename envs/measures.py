@@ -232,29 +232,14 @@ REACH = (
 """Measures of goal reaching: success, path and time efficiency, BARN metric and jerk."""
 
 
-_SWEPT = partial(when, name="swept_fraction", mark=0.9)
+_swept = partial(mean_over_limit, name="swept_fraction")
+_swept_90 = partial(when, name="swept_fraction", mark=0.9)
 SWEEP = (
     Measure("swept_fraction", "swept", "%", True, scale=100.0),
-    Measure("time_to_90", "time to 90 %", "s", False, _SWEPT, 0, limit="time_limit"),
-    Measure(
-        "distance_to_90",
-        "distance to 90 %",
-        "m",
-        False,
-        partial(_SWEPT, quantity="path_length"),
-        limit="distance_limit",
-    ),
-    Measure(
-        "area_under_curve",
-        "area under curve",
-        "%",
-        True,
-        partial(mean_over_limit, name="swept_fraction"),
-        scale=100.0,
-        is_headline=True,
-    ),
+    Measure("time_to_90", "time to 90 %", "s", False, _swept_90, 0, limit="time_limit"),
+    Measure("area_under_curve", "area under curve", "%", True, _swept, scale=100.0, is_headline=True),
 )
-"""Measures of sweeping: swept fraction of the floor, time and distance to 90 %."""
+"""Measures of sweeping: swept fraction of the floor, and its increase over time."""
 
 
 PEOPLE = (

@@ -2,12 +2,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.measures import DOCK, Measure
+from lidarnaut.envs.measures import DOCK
 from lidarnaut.envs.navigation.docking import DOCK_GAP
 from lidarnaut.envs.observations import Battery
 from lidarnaut.envs.robot import Robot
@@ -30,9 +30,8 @@ class Dock(Navigate):
     """Dock at a charging station on a known map.
 
     ## Description
-    A robot with a discharged battery drives to a charging station on a known map, and stops in front of the station
-    within 2 cm and 3 degrees. A localizer updates the pose estimate in each step (one control period). Observations
-    contain no ground truth.
+    A robot drives to a charging station on a known map, and stops in front of the station within 2 cm and 3 degrees. A
+    localizer updates the pose estimate in each step (one control period). Observations contain no ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -56,21 +55,21 @@ class Dock(Navigate):
     As in `Navigate`; `reached` is paid at the end of the task. `reward` changes the weights.
 
     ## Starting State
-    As in `Navigate`. `goal="random"` draws one of the world's `docks`; other goals are poses of the docked robot. The
-    task places a station of 0.1 m x 0.3 m at each dock. The charge is drawn uniformly from `start_charge`.
+    As in `Navigate`. `goal="random"` draws one of the world's `docks`; other goals are poses of the docked robot. Each
+    dock has a station of 0.1 m x 0.3 m. The charge is drawn uniformly from `start_charge`.
 
     ## Episode End
-    1. Termination: the robot is docked (its true pose is within both tolerances of the goal, at rest), and the charge
-       has reached `target_charge`.
+    1. Termination: the robot is docked (its true pose is within both tolerances of the goal, at rest), with a charge of
+       at least `target_charge`.
     2. Termination: the battery is empty.
     3. Truncation: `time_limit` seconds have passed.
 
-    The battery loses energy with time and distance by odometry, see `lidarnaut.envs.robots.robot_params.BatteryParams`,
-    and is charged while the robot is docked. Collisions do not end the episode.
+    The battery loses charge with time and distance (`BatteryParams` of the robot), and gains charge while the robot is
+    docked. Collisions do not end the episode.
 
     ## Information
-    As in `Navigate`, and `heading_error` (true, to the docked pose) [rad], `charge`, `is_docked`; `end_reason` is
-    `"docked"`, `"empty"` or `"time_limit"`.
+    As in `Navigate`, and `heading_error` (to the docked pose) [rad], `charge`, `is_docked`; `end_reason` is `"docked"`,
+    `"empty"` or `"time_limit"`.
 
     ## Arguments
     The arguments of `Navigate` except `min_distance`, and
@@ -86,7 +85,7 @@ class Dock(Navigate):
     * v0: first version
     """
 
-    measures: ClassVar[Sequence[Measure]] = DOCK
+    measures = DOCK
 
     goal_tolerance: float = 0.02
     heading_tolerance: float = math.radians(3.0)
@@ -125,12 +124,13 @@ class Dock(Navigate):
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         super().update(simulator, robots, period)
-        battery, robot = self.robot.battery, robots[0]
+        battery, (robot,) = self.robot.battery, robots
         self.is_docked = self._is_at_goal() and abs(simulator.states[0].twist.v) <= MAX_SPEED
         power = -battery.idle_power - battery.energy_per_metre * abs(robot.twist.v)
         power = battery.charging_power if self.is_docked else power
         self.charge = min(max(self.charge + power * period / (3600.0 * battery.capacity), 0.0), 1.0)
-        robot.reading = robot.reading._replace(extra={"battery": np.array([self.charge, self.is_docked])})
+        measured = {**robot.reading.extra, "battery": np.array([self.charge, self.is_docked])}
+        robot.reading = robot.reading._replace(extra=measured)
         is_done = self.is_docked and self.charge >= self.target_charge
         self.end_reason = "docked" if is_done else None if self.charge > 0.0 else "empty"
         self._quantities["reached"] = float(is_done)

@@ -45,8 +45,8 @@ class Sweep(KnownMapTask):
     """Sweep the floor of a known map.
 
     ## Description
-    A robot vacuum sweeps all floor that its body reaches, on a known map. A localizer updates the pose estimate in each
-    step (one control period). Observations contain no ground truth.
+    A robot sweeps all floor that its body reaches, on a known map. A localizer updates the pose estimate in each step
+    (one control period). Observations contain no ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -111,36 +111,33 @@ class Sweep(KnownMapTask):
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        walls = self.area.walls
+        walls, radius, (self._one,), self._pose = self.area.walls, self.robot.radius, robots, self.starts[0]
         self._frame = Frame(*map(float, (*walls.origin, walls.resolution)))
         away = ndimage.distance_transform_edt(~self.area.traversable) * walls.resolution
-        self.unswept = away <= self.robot.radius
+        self.unswept = away <= radius
         """True floor cells to sweep, shape of the raster, bool."""
-        self._num_cells, self.swept_fraction, self._pose, (self._one,) = self.unswept.sum(), 0.0, self.starts[0], robots
+        self.floor_area, self.swept_area = float(self.unswept.sum()) * walls.resolution**2, 0.0
         self.update(simulator, robots, 0.0)
-        # Three times the time for lanes without overlap at maximum speed.
-        return 120.0 + 10.0 * round(0.15 * self._area(self._num_cells) / (self.robot.radius * self.robot.max_v))
+        # Four times the duration of lanes without overlap at maximum speed.
+        return 120.0 + 10.0 * round(0.2 * self.floor_area / (radius * self.robot.max_v))
 
-    def _area(self, num_cells: float) -> float:
-        return float(num_cells) * self._frame.resolution**2
+    @property
+    def swept_fraction(self) -> float:
+        """Swept fraction of the floor."""
+        return self.swept_area / self.floor_area
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         before, self._pose = self._pose, simulator.states[0].pose
-        line = np.array([(*before[:2], *self._pose[:2])])
-        count = sweep(self.unswept, self._frame, line, self.robot.radius)
-        self.swept_fraction += count / self._num_cells
+        line = np.array([[*before[:2], *self._pose[:2]]])
+        swept = sweep(self.unswept, self._frame, line, self.robot.radius) * self._frame.resolution**2
+        self.swept_area += swept
         self.end_reason = "swept" if self.swept_fraction >= self.target_swept - 1e-9 else None
-        done = float(self.end_reason is not None)
-        self._quantities = {"swept": self._area(count), "time": period, "completed": done}
-        self._quantities["collision"] = period * robots[0].bumper
+        done, contact = float(self.end_reason is not None), period * robots[0].bumper
+        self._quantities = {"swept": swept, "time": period, "collision": contact, "completed": done}
 
     def quantities(self) -> dict[str, float]:
         return self._quantities
 
     def metrics(self) -> dict[str, Any]:
-        return {
-            "swept_fraction": self.swept_fraction,
-            "swept_area": self._area(self.swept_fraction * self._num_cells),
-            "is_lost": self._one.belief.is_lost,
-            "is_success": self.end_reason is not None,
-        }
+        swept = {"swept_fraction": self.swept_fraction, "swept_area": self.swept_area}
+        return {**swept, "is_lost": self._one.belief.is_lost, "is_success": self.end_reason is not None}
