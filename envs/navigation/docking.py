@@ -97,15 +97,13 @@ class DockNavigator(GoalNavigator):
         return STOP
 
     def _locate(self, ranges: np.ndarray, expected: Pose2D) -> Pose2D:
-        lidar, to_front, is_hit = (
-            self._robot.lidar,
-            Pose2D(self._robot.radius + DOCK_GAP, 0.0, 0.0),
-            np.isfinite(ranges),
-        )
+        lidar, is_hit = self._robot.lidar, np.isfinite(ranges)
+        to_front = Pose2D(self._robot.radius + DOCK_GAP, 0.0, 0.0)
         points = (ranges[is_hit] * lidar.directions[:, is_hit]).T + (lidar.mount.x, lidar.mount.y)
         found = find_front(points, expected.compose(to_front))
-        if found is None or (self._num_found and abs(found[1] - self._width) > WIDTH_ERROR):
+        if found is None or found[1] < self._width - WIDTH_ERROR:  # a part of the front
             return expected
-        self._num_found, self._width = self._num_found + 1, self._width or found[1]
+        self._num_found = 1 if found[1] > self._width + WIDTH_ERROR else self._num_found + 1
+        self._width = max(self._width, found[1])
         change = np.array(expected.between(found[0].compose(to_front.inverse())))
         return expected.compose(Pose2D(*(change / min(self._num_found, MAX_AVERAGED)).tolist()))

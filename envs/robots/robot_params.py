@@ -226,7 +226,7 @@ class ImuParams:
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
 class BatteryParams:
-    """Parameters of the battery, used by docking tasks."""
+    """Parameters of the battery, for docking tasks; the defaults are those of a Tugbot."""
 
     capacity: Positive = 29.5
     """Energy of the full battery [W h]."""
