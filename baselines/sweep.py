@@ -10,12 +10,13 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import COST_INSCRIBED, Costmap, GoalNavigator, GoalParams, is_path_valid, travel_field
+from lidarnaut.envs.navigation.obstacles import free_distance
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.coverage import Frame
 from lidarnaut.envs.tasks.sweep import sweep
 
-from .reactive import WALL_MARGIN, WallFollower
+from .reactive import MIN_WALL_MARGIN, WallFollower
 
 Patch = list[np.ndarray]
 """Alternative tours of a part of the floor: waypoints (row, column), shape (n, 2), int."""
@@ -31,7 +32,7 @@ def boustrophedon(free: np.ndarray, width: int, start: tuple[int, int]) -> list[
     Choset, "Coverage of Known Spaces: The Boustrophedon Cellular Decomposition" (2000), with slices of one row.
 
     Args:
-        free: grid cells where the robot fits, shape (height, width), bool.
+        free: collision-free grid cells, shape (height, width), bool.
         width: maximum distance between lanes [grid cells].
         start: grid cell (row, column) of the robot.
     """
@@ -173,7 +174,9 @@ class Bouncer(WallFollower):
     """Drives straight to a wall, turns by a random angle, and drives on."""
 
     def _command(self, obstacles: np.ndarray) -> Twist:
-        if self._is_free(obstacles, 0.0, WALL_MARGIN):
+        robot = self._robot
+        reach = 0.1 + 0.5 * robot.max_v**2 / robot.max_acc_v
+        if free_distance(obstacles, 0.0, robot.radius + MIN_WALL_MARGIN, reach) >= reach:
             return self._drive(0.0)
         self._navigator.spin(self._rng.uniform(0.4, 1.6) * math.pi)
         return Twist(0.0, 0.0)
