@@ -108,12 +108,16 @@ class SweepNavigator(GoalNavigator):
         self._position = 0.0, 0.0
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
+        if self._patches is None and belief.is_lost:  # drives by the scan until AMCL has found the pose
+            if self.goal is None:
+                self.set_goal(belief.pose[:2])
+            return super().act(reading, belief)
         if self._patches is None:
             self._begin(belief)
         self._mark(*self._position, *belief.pose[:2])
         self._position = belief.pose[:2]
         twist = super().act(reading, belief)
-        ((x, y),) = belief.pose.inverse().transform(np.array([self.target]))
+        ((x, y),) = belief.pose.inverse().transform(np.array([self.target or self._position]))
         is_at_wall = self._has_path and twist.v <= 0.0 and 4.0 * abs(y) < x < 2.0 * self._robot.radius
         if is_at_wall or self.end_reason in ("arrived", "no_path", "stuck"):
             self._advance(belief.pose)

@@ -60,6 +60,16 @@ def test_classic_policies_sweep_a_room(name, least):
     assert episode.path_length < 2.0 * least * env.task.floor_area / (2.0 * env.robot.radius)
 
 
+def test_a_lost_robot_is_localized_before_the_plan():
+    settings = {"world": "turtlebot3_world", "robot": "turtlebot3_burger", "initial_pose": "unknown"}
+    env = LidarEnv(Sweep, **settings, physics="kinematic", time_limit=150.0)
+    _, info = env.reset(seed=0)
+    assert info["is_lost"]
+    episode = run_episode(env, policies_for(env)["boustrophedon"](), 0)
+    assert (episode.end_reason, episode.history.final["is_lost"]) == ("time_limit", False)
+    assert episode.swept_fraction > 0.1
+
+
 def test_bounces_sweep_more_than_random_commands():
     env, swept = LidarEnv(Sweep, **SETTINGS, time_limit=60.0), {}
     for name in ("bounce", "random"):
