@@ -5,6 +5,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -143,10 +144,12 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
     """Return a function that computes a policy's action for an observation of an environment.
 
     For policies with a lower `control_hz`, the function repeats actions. With `return_home`, a navigator drives home
-    after exploration. Planned paths are stored for rendering.
+    after exploration. Planned paths and markers are stored for rendering.
     """
     inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
     decide_once, task = _decide_once(policy, env), inner.task
+    if not _chooses(env):
+        inner.markers = partial(getattr, policy, "markers", None)
     is_called_back = getattr(task, "return_home", False) and not _chooses(env)
     home = HomeNavigator(inner.robot, inner.control_period, inner.np_random) if is_called_back else None
     action: Any = None
@@ -205,10 +208,8 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
             return np.stack([to_action(twist, inner.robot) for twist in twists])
         action = to_action(policy.act(inner.reading, inner.belief), inner.robot)
         inner.plans[:] = [policy.plan]
-        if len(tracks := getattr(policy, "tracks", getattr(inner.belief, "people", NO_TRACKS))):
-            inner.tracks = people_in(tracks, inner.belief.pose)
-        else:
-            inner.tracks = NO_TRACKS
+        tracks = getattr(policy, "tracks", getattr(inner.belief, "people", NO_TRACKS))
+        inner.tracks = people_in(tracks, inner.belief.pose) if len(tracks) else NO_TRACKS
         return action
 
     return act

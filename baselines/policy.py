@@ -17,7 +17,9 @@ class Policy(Protocol):
     """Interface of all policies.
 
     Optional attributes: `observations` (names of required observations), `control_hz` (actions per second [Hz],
-    repeated in between), `level` (`"decision"` if actions are frontiers instead of velocities), `uses_ground_truth`.
+    repeated in between), `level` (`"decision"` if actions are frontiers instead of velocities), `uses_ground_truth`,
+    `markers` (goals and random trees that the policy considers, as `lidarnaut.envs.navigation.Markers` or None; read
+    only when a picture or a recorded sample is made).
 
     Optional methods: `set_goal(goal)` receives the goal pose, map frame, at the start and after changes. If only the
     bearing is known, `goal` is a point in the direction of the goal. `set_tolerances(distance, heading)` receives the

@@ -18,6 +18,7 @@ from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.files import explain_unknown, resolve
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import PEOPLE
+from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import Observations, Tracks, make_parts
 from lidarnaut.envs.randomization import Randomization, Ranges
@@ -150,6 +151,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.tracks = NO_TRACKS
         """People tracked by the first robot, for rendering, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
         by the user, cleared by `reset`."""
+        self.markers: Callable[[], Markers | None] | None = None
+        """Function that returns the markers of the policy, for rendering; set by the user, cleared by `reset`."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
         """Callback of recorders, called with None after a reset and with the commanded twists after each control
         period."""
@@ -208,6 +211,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
         super().reset(seed=seed)
         self.has_begun = False
+        task.options = {key: options[key] for key in task.reset_options if key in options}
         self.world = task.place(self._next_world(options.get("world")), options.get("start"))
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
@@ -229,14 +233,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
         """Initial pose, covariance and map of each robot."""
         reset_robots(self.robots, rows, readings, self.priors, rngs[1::2])
-        own = {key: options[key] for key in task.reset_options if key in options}
-        usual = task.reset(self.simulator, self.robots, self.np_random, own)
+        usual = task.reset(self.simulator, self.robots, self.np_random, task.options)
         for part in self.parts.values():
             if hasattr(part, "reset"):
                 for robot in self.robots:
                     part.reset(robot)
         self._set_time_limit(usual)
-        self.plans, self.tracks = [None] * num_robots, NO_TRACKS
+        self.plans, self.tracks, self.markers = [None] * num_robots, NO_TRACKS, None
         for name, value in ({**self.final_metrics(), "end_reason": ""} if self._fixed_info else {}).items():
             self._blank[name] = value * math.nan if isinstance(value, float | np.ndarray) else type(value)()
         self.has_begun = True
@@ -479,6 +482,18 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.check_begun()
         self._set_time_limit(self.time + self.task.set_goal(goal))
         self.plan = None
+
+    def set_initial_pose(self, pose: Sequence[float] | str) -> None:
+        """Restart localization at a pose estimate, as by ROS's topic `/initialpose`, and continue the episode.
+
+        `pose`: (x, y, theta), map frame [m, rad]; or `"unknown"` for global localization.
+
+        Raises:
+            ValueError: if the pose is not finite or outside of the map, or the localizer is not AMCL.
+            gymnasium.error.ResetNeeded: if no episode has begun.
+        """
+        self.check_begun()
+        self.task.set_initial_pose(pose)
 
     def _next_world(self, wanted: Any) -> World:
         (sampler, before, after, world), self._prepared = self._prepared, (None,) * 4

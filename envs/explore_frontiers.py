@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -18,6 +19,7 @@ from lidarnaut.envs.navigation import (
     Candidates,
     FrontierNavigator,
     HomeNavigator,
+    Markers,
     robot_features,
 )
 from lidarnaut.envs.observations import FAR_PIXEL, MapCrop
@@ -272,6 +274,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _begin(self) -> None:
         self.navigator.begin(self.explore.reading, self.belief)
+        self.explore.markers = partial(Markers.of, [self.navigator])
 
     def _choose(self, index: int) -> None:
         if index >= 0:

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
+from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.team_navigator import UNASSIGNED, TeamNavigator, discount
 from lidarnaut.envs.navigation.team_robot import TeamRobot
 from lidarnaut.envs.observations import Peers
@@ -110,7 +111,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
         explore, numbers = self.explore, range(len(self.explore.robots))
         make = partial(TeamRobot, max_candidates=self._max_candidates, max_time=self._max_time)
         team = [make(explore.robot, explore.control_period, k) for k in numbers]
-        self._team = TeamNavigator(explore.robot, team)
+        self._team, explore.markers = TeamNavigator(explore.robot, team), partial(Markers.of, team)
         self._due = self._update()
         self._turn(self._due.pop(0) if self._due else team[0])
 

@@ -246,7 +246,7 @@ class Robot:
         """Process the last scan: update pose, map and path."""
         estimator: Any = self.estimator
         if self.follows_odometry and estimator.last_key_pose is not None:
-            predicted = self.predicted_pose
+            predicted, estimator.slip = self.predicted_pose, float(self._row[at.SLIP])
             self.follow(estimator.process_key_scan(self._filtered(self.ranges), predicted))
             return
         reading = self.reading
@@ -270,6 +270,7 @@ class Robot:
             self._data = belief.grid.data, belief.grid.data.shape
         key_pose = self.estimator.last_key_pose if self.follows_odometry else belief.pose  # type: ignore[attr-defined]
         self._row[at.POSE : at.KEY_POSE + 3] = *belief.pose, *key_pose
+        self._row[at.SLIP] = 0.0
         if belief.twist is not None:
             self._row[at.TWIST_V : at.TWIST_W + 1] = belief.twist
         if belief.update.redrawn and belief.path is not None:

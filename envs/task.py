@@ -143,6 +143,8 @@ class Task(ABC):
     """Start poses of the robots, world frame."""
     map_pose: Pose2D
     """Pose of the map frame in the world frame [m, rad]."""
+    options: Mapping[str, Any] = MappingProxyType({})
+    """Entries of `reset(options=...)` named in `reset_options`, for this episode."""
     end_reason: str | None = None
     """Reason why the task has ended the episode, or None."""
 
@@ -204,7 +206,7 @@ class Task(ABC):
             simulator: ground truth: robot states, contacts and people.
             robots: all robots, with their estimates.
             rng: generator of the task.
-            options: entries of `reset(options=...)` named in `reset_options`.
+            options: as the attribute `options`.
 
         Returns:
             Default time limit of the episode [s].

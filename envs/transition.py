@@ -93,6 +93,8 @@ def update_robots(rows, people):
         row[at.PATH_LENGTH] += distance(x - before[0], y - before[1])
         motion = _odometry(row, setup)
         _write(row, at.ODOMETRY, motion)
+        if row[at.TOUCHED] > 0.0:
+            row[at.SLIP] += distance(motion[0], motion[1])
         row[at.TWIST_V], row[at.TWIST_W] = motion[0] / row[at.PERIOD], motion[2] / row[at.PERIOD]
         if setup.uses_truth > 0.0:
             motion = between(before[0], before[1], before[2], now[0], now[1], now[2])

@@ -197,3 +197,102 @@ def test_a_refused_goal_leaves_the_one_before():
     *_, terminated, _, info = env.step(np.zeros(2, dtype=np.float32))
     assert not terminated
     assert info["distance_to_goal"] < 5.0
+
+
+def poses_of(env):
+    return env.map_pose.compose(env.belief.pose), env.truths[0].state.pose
+
+
+def test_a_given_initial_pose_may_be_wrong_and_is_corrected():
+    start, offset = (-2.0, -0.5, 0.0), Pose2D(0.3, -0.2, 0.15)
+    frame = Pose2D(1.0, 2.0, 0.7)
+    plain = LidarEnv(Navigate, **QUICK, start=start)
+    plain.reset(seed=0)
+    grid = plain.belief.grid
+    given = frame.between(Pose2D(*start).compose(offset))
+    cells = np.argwhere(np.ones((200, 200)))
+    turned = OccupancyGrid(np.full((200, 200), -1, dtype=np.int8), grid.resolution, (-8.0, -2.0))
+    seen = grid.cells(frame.transform(turned.centers(cells)))
+    inside = grid.contains(seen)
+    turned.data[tuple(cells[inside].T)] = grid.data[tuple(seen[inside].T)]
+    settings = {
+        **QUICK,
+        "start": start,
+        "map": turned,
+        "map_pose": frame,
+        "goal": tuple(frame.between(Pose2D(0.5, 1.5, 0.0))),
+    }
+    env = LidarEnv(Navigate, **settings, initial_pose=given)
+    _, info = env.reset(seed=0)
+    assert info["pose_error"] == pytest.approx([math.hypot(0.3, 0.2), 0.15], abs=0.05)
+    particles = env.robots[0].estimator.particles
+    np.testing.assert_allclose(particles.std(axis=0), [0.5, 0.5, math.radians(15.0)], rtol=0.1)
+    first = env.belief.pose
+    episode = run_episode(env, GoalNavigator(), 0)
+    assert episode.end_reason == "reached"
+    estimate, truth = poses_of(env)
+    assert math.dist(estimate[:2], truth[:2]) < 0.15
+    other = LidarEnv(Navigate, **settings)
+    other.reset(seed=0, options={"initial_pose": list(given)})
+    assert tuple(other.belief.pose) == tuple(first)
+    other.reset(seed=0)
+    assert tuple(other.belief.pose) != tuple(first)
+
+
+@pytest.mark.parametrize("wrong", ["here", (1.0, 2.0), (0.0, math.nan, 0.0), None, 3])
+def test_wrong_initial_poses_are_named(wrong):
+    with pytest.raises(ValueError, match=r"initial_pose must be 'known', 'unknown' or \(x, y, theta\), got"):
+        LidarEnv(Navigate, **QUICK, initial_pose=wrong)
+    env = LidarEnv(Navigate, **QUICK)
+    with pytest.raises(ValueError, match="initial_pose must be"):
+        env.reset(seed=0, options={"initial_pose": wrong})
+    with pytest.raises(ValueError, match="outside the map"):
+        env.reset(seed=0, options={"initial_pose": (99.0, 0.0, 0.0)})
+    with pytest.raises(ValueError, match="needs localizer='amcl', got 'odometry'"):
+        LidarEnv(Navigate, **QUICK, localizer="odometry", initial_pose=(0.0, 0.0, 0.0))
+
+
+def test_the_pose_estimate_is_set_during_an_episode():
+    env = LidarEnv(Navigate, **QUICK, start=(-2.0, -0.5, 0.0))
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
+        env.set_initial_pose((0.0, 0.0, 0.0))
+    env.reset(seed=0)
+    for action in ([1.0, 0.0], [0.0, 1.0]):
+        for _ in range(10):
+            env.step(np.array(action, dtype=np.float32))
+    before, truth = env.belief.pose, env.truths[0].state.pose
+    for wrong in ((0.0, 1.0), (0.0, math.inf, 0.0), (99.0, 0.0, 0.0), "known", None):
+        with pytest.raises(ValueError, match=r"must be|outside the map"):
+            env.set_initial_pose(wrong)
+        assert env.belief.pose == before
+    env.set_initial_pose((truth.x + 0.4, truth.y, truth.theta + 0.2))
+    assert env.belief.pose[:2] == pytest.approx((truth.x + 0.4, truth.y), abs=0.05)
+    assert env.robots[0].predicted_pose == env.belief.pose
+    for _ in range(60):
+        info = env.step(np.array([0.0, 1.0], dtype=np.float32))[4]
+    assert info["pose_error"][0] < 0.15
+    env.set_initial_pose("unknown")
+    assert env.belief.is_lost
+    assert len(env.robots[0].estimator.particles) == 100_000
+    for _ in range(100):
+        info = env.step(np.array([0.3, 1.0], dtype=np.float32))[4]
+    assert not info["is_lost"]
+    assert info["pose_error"][0] < 0.15
+
+
+def test_a_pose_estimate_needs_a_localizer():
+    env = LidarEnv(Navigate, **QUICK, localizer="odometry")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="needs localizer='amcl', got 'odometry'"):
+        env.set_initial_pose((0.0, 0.0, 0.0))
+
+
+def test_maps_of_explorations_begin_at_the_spawn():
+    spawn = (-2.0, -0.5, 0.0)
+    env = LidarEnv(Navigate, **TRUE, start=(-0.5, -0.5, 0.0), map_pose="spawn")
+    env.reset(seed=0)
+    assert env.map_pose == env.world.spawns[0]
+    assert tuple(env.belief.pose) == pytest.approx(tuple(Pose2D(*env.world.spawns[0]).between(Pose2D(-0.5, -0.5, 0.0))))
+    assert env.world.spawns[0][:2] == pytest.approx(spawn[:2])
+    with pytest.raises(ValueError, match="map_pose must be 'spawn' or"):
+        LidarEnv(Navigate, **TRUE, map_pose="start")

@@ -9,19 +9,47 @@ import numpy as np
 import pygame
 import pytest
 
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.rendering import style
+from lidarnaut.envs.rendering.view import View
 from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.teleop import Teleop, main
-from lidarnaut.envs.worlds import load_map
+from lidarnaut.envs.worlds import load_map, save_map
+
+QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "start": "spawn"}
+MAP_PANEL = (slice(648, 1264), slice(108, 680))
 
 
 class Driver:
-    def __init__(self, path):
-        arguments = {"world": "turtlebot3_world", "physics": "kinematic", "start": "spawn", "render_mode": "rgb_array"}
-        self.env = LidarEnv(Explore, slam="truth", **arguments)
+    def __init__(self, path, task=Explore, **arguments):
+        self.env = LidarEnv(task, **QUICK, **arguments or {"slam": "truth"})
         self.teleop = Teleop(self.env, path, seed=0)
         pygame.event.clear()
+
+    @property
+    def picture(self):
+        return np.array(pygame.surfarray.array3d(self.teleop._window.get_surface())).astype(int)
+
+    def pixel(self, x, y):
+        """Return the pixel of a point in the world on the map panel."""
+        view = View(self.env.world.bounds, (616, 572))
+        return tuple(np.rint(view.pixels(np.array([(x, y)]))[0] + (648, 108)).astype(int).tolist())
+
+    def drag(self, key, start, end):
+        """Press the key of a tool, and drag between two pixels; return the picture before the release."""
+        self.tick(1, up=[key], down=[key])
+        pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONDOWN, button=1, pos=start))
+        pygame.event.post(pygame.event.Event(pygame.MOUSEMOTION, pos=end))
+        self.tick(1)
+        during = self.picture
+        pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONUP, button=1, pos=end))
+        self.tick(1)
+        return during
 
     def tick(self, steps, up=(), down=()):
         for kind, keys in ((pygame.KEYUP, up), (pygame.KEYDOWN, down)):
@@ -99,7 +127,7 @@ def test_a_failed_save_is_said_and_does_no_harm(tmp_path):
 def test_q_and_closing_the_window_quit(event, slam):
     pygame.display.init()
     pygame.event.post(pygame.event.Event(*event))
-    run_command(main, ["--physics", "kinematic", "--slam", slam, "--map", "learned.yaml"])
+    run_command(main, ["--physics", "kinematic", "--slam", slam, "--save", "learned.yaml"])
 
 
 @pytest.mark.parametrize(
@@ -107,14 +135,143 @@ def test_q_and_closing_the_window_quit(event, slam):
     [
         ({"world": "atlantis"}, "atlantis"),
         ({"slam": "gmaping"}, "unknown SLAM 'gmaping'.*gmapping"),
-        ({"map": Path("/no/such/folder/map.yaml")}, "/no/such/folder"),
-        ({"map": Path("map.jpg")}, "saved as .yaml, .pgm or .png, got map.jpg"),
+        ({"save": Path("/no/such/folder/map.yaml")}, "/no/such/folder"),
+        ({"save": Path("map.jpg")}, "saved as .yaml, .pgm or .png, got map.jpg"),
+        ({"map": Path("/no/such/map.yaml")}, "/no/such/map.yaml"),
+        ({"map": Path("map.yaml"), "slam": "graph"}, "excludes --slam"),
+        ({"map_pose": (0.0, 0.0, 0.0)}, "--map-pose needs --map"),
         ({"seed": -1}, "-1"),
     ],
 )
 def test_bad_options_are_named(options, culprit):
     with pytest.raises((ValueError, OSError, gymnasium.error.Error), match=culprit):
         main(physics="kinematic", **options)
+
+
+def test_c_shows_the_poses_that_the_matcher_tests(tmp_path):
+    matching = Driver(tmp_path / "learned.yaml", slam="tinyslam")
+    inset = (slice(656, 816), slice(116, 276))
+    matching.tick(20, down=[pygame.K_c, pygame.K_UP])
+    colours = [(np.abs(matching.picture[inset] - colour).max(axis=2) < 5).sum() for colour in style.COSTS]
+    assert min(colours) > 10
+    matching.tick(1, up=[pygame.K_c], down=[pygame.K_c])
+    assert not (np.abs(matching.picture[inset] - style.COSTS[0]).max(axis=2) < 5).any()
+    matching.teleop.close()
+
+
+@pytest.fixture(scope="module")
+def known_map(tmp_path_factory):
+    """Return the file of a map from an exploration that began at the spawn."""
+    env = LidarEnv(Explore, **QUICK)
+    run_episode(env, make_explorer("nearest"), 0)
+    return save_map(env.belief.grid, tmp_path_factory.mktemp("maps") / "known.yaml")
+
+
+@pytest.fixture
+def navigating(known_map, tmp_path):
+    driver = Driver(tmp_path / "copy.yaml", Navigate, map=known_map, map_pose="spawn", time_limit=math.inf)
+    yield driver
+    driver.teleop.close()
+
+
+def test_a_drag_gives_the_pose_estimate_and_l_spreads_the_particles(navigating):
+    env = navigating.env
+    x, y, _ = env.truths[0].state.pose
+    start = navigating.pixel(x + 0.4, y + 0.3)
+    during = navigating.drag(pygame.K_p, start, (start[0] + 40, start[1] - 40))
+    middle = start[0] + 20, start[1] - 20
+    assert (np.abs(during[middle] - style.ESTIMATED) < 5).all()
+    assert not (np.abs(navigating.picture[middle] - style.ESTIMATED) < 5).all()
+    given = []
+    env.set_initial_pose = given.append
+    navigating.drag(pygame.K_p, start, (start[0] + 40, start[1] - 40))
+    assert env.map_pose.compose(given[0]) == pytest.approx((x + 0.4, y + 0.3, math.pi / 4), abs=0.02)
+    del env.set_initial_pose
+    navigating.tick(20, down=[pygame.K_a])
+    assert env.scene().pose_error[0] < 0.1
+    navigating.tick(1, up=[pygame.K_a], down=[pygame.K_l])
+    assert env.belief.is_lost
+    assert np.ptp(env.robots[0].estimator.particles[:, :2], axis=0).min() > 1.0
+
+
+def test_a_pose_estimate_on_the_wrong_side_of_the_world_is_given_up(navigating):
+    start = navigating.pixel(1.6, 0.4)
+    navigating.drag(pygame.K_p, start, (start[0] + 40, start[1]))
+    assert navigating.env.scene().pose_error[0] > 2.0
+    navigating.tick(150, down=[pygame.K_w, pygame.K_a])
+    error = navigating.env.scene().pose_error[0]
+    assert error < 0.2 or navigating.env.belief.is_lost
+
+
+def test_a_drag_gives_a_goal_with_a_heading_and_keys_cancel_it(navigating):
+    env, wanted = navigating.env, Pose2D(-0.55, 1.3, math.pi / 2)
+    shown = navigating.picture[MAP_PANEL]
+    assert not (np.abs(shown - style.FRONTIER).max(axis=2) < 5).any(), "no goal is shown before one is given"
+    start = navigating.pixel(*wanted[:2])
+    navigating.drag(pygame.K_g, start, (start[0], start[1] - 50))
+    assert env.map_pose.compose(env.task.goal) == pytest.approx(wanted, abs=0.02)
+    assert (np.abs(navigating.picture[MAP_PANEL] - style.FRONTIER).max(axis=2) < 5).any()
+    navigating.tick(20)
+    assert env.plan is not None
+    driven = math.dist(env.truths[0].state.pose[:2], (-2.0, -0.5))
+    assert driven > 0.1
+    navigating.tick(2, down=[pygame.K_SPACE])
+    assert env.plan is None
+    stopped = env.truths[0].state.pose
+    navigating.tick(10)
+    assert math.dist(env.truths[0].state.pose[:2], stopped[:2]) < 0.05
+    navigating.drag(pygame.K_g, start, (start[0], start[1] - 50))
+    navigating.tick(5, down=[pygame.K_s])
+    assert not navigating.teleop._navigator.is_driving
+    navigating.tick(1, up=[pygame.K_s])
+    navigating.drag(pygame.K_g, start, (start[0], start[1] - 50))
+    for _ in range(300):
+        navigating.tick(1)
+        if not navigating.teleop._navigator.is_driving:
+            break
+    error = wanted.between(env.truths[0].state.pose)
+    assert math.hypot(error.x, error.y) < 0.25
+    assert abs(error.theta) < 0.25
+    assert env.robots[0].collisions == 0
+
+
+def test_goals_in_walls_and_drags_beside_the_map_change_nothing(navigating):
+    env, goal = navigating.env, navigating.env.task.goal
+    for start in (navigating.pixel(0.0, 0.0), (300, 400), navigating.pixel(-3.2, 0.0), (900, 710)):
+        silent = navigating.picture
+        navigating.drag(pygame.K_g, start, (start[0] + 30, start[1]))
+        assert env.task.goal == goal
+        assert not navigating.teleop._navigator.is_driving
+        assert (navigating.picture[640:, 740:] != silent[640:, 740:]).any()
+    # Without a tool, the mouse does nothing.
+    pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONDOWN, button=1, pos=(900, 400)))
+    pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONUP, button=1, pos=(950, 400)))
+    navigating.tick(1)
+    assert env.task.goal == goal
+
+
+def test_the_known_map_is_saved_and_r_starts_again(navigating, known_map, tmp_path):
+    navigating.tick(15, down=[pygame.K_UP])
+    navigating.tick(1, up=[pygame.K_UP], down=[pygame.K_m])
+    np.testing.assert_array_equal(load_map(tmp_path / "copy.yaml").data, load_map(known_map).data)
+    navigating.tick(1, down=[pygame.K_r])
+    assert navigating.env.reading.time == pytest.approx(navigating.env.control_period)
+    assert not navigating.teleop._navigator.is_driving
+
+
+def test_c_says_that_amcl_tests_no_poses(navigating):
+    before = navigating.picture
+    navigating.tick(1, down=[pygame.K_c])
+    assert (navigating.picture[640:, 740:] != before[640:, 740:]).any()
+    assert (navigating.picture[656:816, 116:276] == before[656:816, 116:276]).all()
+
+
+def test_a_known_map_and_people_by_options(known_map):
+    pygame.display.init()
+    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_l))
+    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_q))
+    options = ["--physics", "kinematic", "--people", "3", "--map-pose", "-2", "-0.5", "0"]
+    run_command(main, [*options, "--map", str(known_map)])
 
 
 def test_a_missing_display_is_said_in_one_line():

@@ -4,7 +4,7 @@ from typing import Protocol
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.navigation import Candidates, FrontierNavigator, NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation import Candidates, FrontierNavigator, Markers, NavigatorParams, PlanningParams
 from lidarnaut.envs.navigation.frontier_navigator import ARRIVED, DRIVE_TIME_UP
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
@@ -57,6 +57,10 @@ class RuleExplorer:
     @property
     def plan(self) -> np.ndarray | None:
         return self.navigator.plan if self.navigator is not None and self._has_begun else None
+
+    @property
+    def markers(self) -> Markers | None:
+        return Markers.of([self.navigator]) if self._has_begun else None
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self.navigator = FrontierNavigator(

@@ -120,6 +120,8 @@ class RrtDetector:
         """Local tree of each robot, then the global tree."""
         self.points = np.empty((0, 2))
         """Frontier points merged by mean shift, shape (n, 2), float64, map frame [m]."""
+        self.found = np.empty((0, 2))
+        """Frontier points found in the last control step, shape (n, 2), float64, map frame [m]."""
 
     def detect(self, grid: OccupancyGrid, robots: Sequence[tuple[float, float]]) -> None:
         """Grow the trees for one control step, and update the frontier points.
@@ -136,6 +138,7 @@ class RrtDetector:
             tree.grow(grid, self._rng.uniform(low, high, (params.num_samples, 2)), robot)
             for tree, robot in zip(self.trees, (*robots, robots[0]), strict=True)
         ]
-        points = mean_shift(np.concatenate([self.points, *found]), params.bandwidth)
+        self.found = np.concatenate(found)
+        points = mean_shift(np.concatenate([self.points, self.found]), params.bandwidth)
         gains = information_gain(grid, points, 0.5 * params.info_radius)
         self.points = points[gains >= params.min_gain]

@@ -16,7 +16,7 @@ from lidarnaut.baselines.rrt.robot import RrtRobot
 from lidarnaut.baselines.teams.team import TeamExplorer
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid
-from lidarnaut.envs.navigation import NO_POINTS, Candidates
+from lidarnaut.envs.navigation import NO_POINTS, Candidates, Markers
 from lidarnaut.envs.navigation.frontiers import information_gain
 from lidarnaut.envs.navigation.team_navigator import UNASSIGNED
 from lidarnaut.envs.navigation.team_robot import TeamRobot
@@ -77,6 +77,14 @@ class RrtTeam(TeamExplorer):
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         super().reset(robot, control_period, rng)
         self._detector = RrtDetector(self._params, rng)
+
+    @property
+    def markers(self) -> Markers | None:
+        markers, detector = super().markers, self._detector
+        if markers is None or detector is None:
+            return None
+        trees = [tree.edges for tree in reversed(detector.trees)]
+        return markers._replace(clusters=detector.points, points=detector.found, trees=trees)
 
     @property
     def points(self) -> np.ndarray:

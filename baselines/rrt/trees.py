@@ -110,6 +110,14 @@ class Tree:
         self.vertices = np.array([root], dtype=np.float64)
         """Positions of the tree's vertices, root first, shape (n, 2), float64, map frame [m]."""
 
+    @property
+    def edges(self) -> np.ndarray:
+        """Edges from parent to child, shape (n - 1, 2, 2), float64, map frame [m]."""
+        # The vertex nearest to a sample is also nearest to all points on the way to the sample (triangle inequality).
+        columns = self.vertices.T.astype(np.float32)
+        parents = [nearest(columns, k, *self.vertices[k]) for k in range(1, len(self.vertices))]
+        return np.stack([self.vertices[parents], self.vertices[1:]], axis=1)
+
     def grow(self, grid: OccupancyGrid, samples: np.ndarray, robot: tuple[float, float]) -> np.ndarray:
         """Grow the tree towards samples, and return the frontier points found.
 

@@ -6,6 +6,7 @@ import numpy as np
 from lidarnaut.baselines.frontier.pursuit_explorer import pursue
 from lidarnaut.baselines.teams.assignment import Assignment
 from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.team_navigator import TeamNavigator
 from lidarnaut.envs.navigation.team_robot import TeamRobot
 from lidarnaut.envs.robots import RobotParams
@@ -42,6 +43,10 @@ class TeamExplorer:
     @property
     def plans(self) -> list[np.ndarray | None]:
         return [] if self._navigator is None else self._navigator.plans
+
+    @property
+    def markers(self) -> Markers | None:
+        return None if self._navigator is None else Markers.of(self._navigator.team)
 
     @property
     def targets(self) -> list[tuple[float, float] | None]:

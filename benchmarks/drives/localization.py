@@ -229,7 +229,7 @@ def load_reference(path: Path, num_scans: int | None = None) -> tuple[Log, Drive
         corrected = arrays["corr"][log.scan_rows]
     origin = Pose2D(*corrected[0])
     reference = np.array([origin.between(Pose2D(*row)) for row in corrected.tolist()])
-    return log, Drive(log.ranges, np.array(list(log.motions())), reference)
+    return log, Drive(log.ranges, np.array(list(log.motions())), reference, np.zeros(len(reference), dtype=bool))
 
 
 def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:

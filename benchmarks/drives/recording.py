@@ -3,8 +3,8 @@
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -56,11 +56,12 @@ class Drive:
     [m, m, rad]."""
     truth: np.ndarray
     """True poses (x, y, heading) in the world frame, or reference poses of a log: shape (n, 3), float64 [m, m, rad]."""
+    bumper: np.ndarray
+    """Contacts since the previous scan, shape (n,), bool."""
 
     def then(self, other: "Drive", scans: int) -> "Drive":
         """Return a drive with a kidnapped robot: the first `scans` scans, then `other`, without odometry in between."""
-        pairs = (self.ranges, other.ranges), (self.motions, other.motions), (self.truth, other.truth)
-        return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
+        return Drive(*(np.concatenate([own[:scans], others]) for own, others in zip(astuple(self), astuple(other))))
 
 
 def record(
@@ -69,28 +70,35 @@ def record(
     rng_simulator: np.random.Generator,
     rng_driver: np.random.Generator,
     duration: float,
+    driver: Callable[..., Iterator[Twist]] | None = None,
 ) -> Drive:
-    """Record a simulated drive from `start` to random goals for `duration` [s], controlled by the true pose."""
+    """Record a drive from `start` for `duration` [s]; `driver`: source of commands, default `random_goals`."""
     robot = setup.robot
-    params = CostmapParams(robot_radius=robot.radius + 0.02, inflation_radius=robot.radius + 0.5)
-    costmap, path = make_costmap(setup.area.walls, params), np.empty((0, 2))
     simulator = make_simulator(setup.physics, robot, PERIOD)
     reading = simulator.reset(setup.world, [start], [rng_simulator])[0]
     odometry = make_motion_source(robot, PERIOD)
     odometry.reset(reading)
-    ranges, motions, truth = [reading.ranges], [Pose2D(0.0, 0.0, 0.0)], [simulator.states[0].pose]
+    rows = [(reading.ranges, Pose2D(0.0, 0.0, 0.0), simulator.states[0].pose, reading.bumper)]
+    twists = (driver or random_goals)(setup, simulator, rng_driver)
     for _ in range(round(duration / PERIOD)):
-        path = _ahead(path, truth[-1])
-        while len(path) == 0:
-            goal = setup.area.draw_pose(rng_driver)
-            found = plan_path(costmap, truth[-1][:2], goal[:2], tolerance=0.3)
-            path = path if found is None else _ahead(found, truth[-1])
-        reading = simulator.step([_steer(robot, truth[-1].inverse().transform(path[:1])[0])])[0]
-        ranges.append(reading.ranges)
-        motions.append(odometry.update(reading))
-        truth.append(simulator.states[0].pose)
+        reading = simulator.step([next(twists)])[0]
+        rows.append((reading.ranges, odometry.update(reading), simulator.states[0].pose, reading.bumper))
     simulator.close()
-    return Drive(np.array(ranges), np.array(motions), np.array(truth))
+    return Drive(*map(np.array, zip(*rows)))
+
+
+def random_goals(setup: Setup, simulator: Any, rng: np.random.Generator) -> Iterator[Twist]:
+    """Yield commands that drive the robot to random goals, by its true pose."""
+    robot = setup.robot
+    params = CostmapParams(robot_radius=robot.radius + 0.02, inflation_radius=robot.radius + 0.5)
+    costmap, path = make_costmap(setup.area.walls, params), np.empty((0, 2))
+    while True:
+        pose = simulator.states[0].pose
+        path = _ahead(path, pose)
+        while len(path) == 0:
+            found = plan_path(costmap, pose[:2], setup.area.draw_pose(rng)[:2], tolerance=0.3)
+            path = path if found is None else _ahead(found, pose)
+        yield _steer(robot, pose.inverse().transform(path[:1])[0])
 
 
 def _ahead(path: np.ndarray, pose: Pose2D) -> np.ndarray:
@@ -117,9 +125,9 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
     [s], and values of the estimator's attributes named in `noted`.
     """
     rows = []
-    for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
+    for ranges, motion, bumper in zip(drive.ranges, drive.motions.tolist(), drive.bumper.tolist()):
         began = time.perf_counter()
-        belief = estimator.update(Reading.of_scan(ranges), Pose2D(*motion))
+        belief = estimator.update(Reading.of_scan(ranges)._replace(bumper=bumper), Pose2D(*motion))
         seconds = time.perf_counter() - began
         rows.append((belief.pose, belief.is_lost, seconds, *(getattr(estimator, name) for name in noted)))
     return dict(zip(("poses", "is_lost", "seconds", *noted), map(np.array, zip(*rows))))

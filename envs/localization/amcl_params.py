@@ -1,6 +1,7 @@
 """Parameters and presets of AMCL."""
 
 import math
+from dataclasses import replace
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -134,7 +135,8 @@ PRESETS: dict[str, AmclParams] = {
     ),
 }
 """AMCL parameters by preset name: `nav2` (Nav2's defaults), `turtlebot3` (launch file, as in Nguyen et al., "SLAM for
-mobile robots", 2022), `default` (of the environments)."""
+mobile robots", 2022), `default` (of the environments), `slam_map` (for maps made by SLAM, which fit scans less)."""
+PRESETS["slam_map"] = replace(PRESETS["default"], lost_fit=0.7)
 
 
 def load_preset(preset: str | AmclParams) -> AmclParams:

@@ -1,6 +1,6 @@
 """Costmaps, frontiers, path planning and driving on the estimated map."""
 
-from .candidates import CANDIDATE, FEATURES, Candidates, GainOverCost, failed_last, robot_features
+from .candidates import CANDIDATE, FEATURES, Candidates, GainOverCost, Markers, failed_last, robot_features
 from .costmap import (
     COST_FREE,
     COST_INSCRIBED,
@@ -47,6 +47,7 @@ __all__ = [
     "GoalNavigator",
     "GoalParams",
     "HomeNavigator",
+    "Markers",
     "MppiParams",
     "MppiPlanner",
     "Navigator",

@@ -1,7 +1,9 @@
 """Exploration candidates: reachable frontiers, their features, and a scoring rule."""
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import pydantic
@@ -15,6 +17,7 @@ from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.astar import NO_GOAL, NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
 from lidarnaut.envs.navigation.costmap import Costmap
+from lidarnaut.envs.navigation.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.paths import walk_back
 from lidarnaut.envs.navigation.views import (
     NUM_RAYS,
@@ -57,6 +60,27 @@ FEATURES = tuple(_FEATURES.split())
 NUM_FEATURES = len(FEATURES)
 VISIBLE, UNKNOWN_1M, UNKNOWN_2M, UNKNOWN_4M, COST, COST_RATIO, RANK, TURN, *_ = range(NUM_FEATURES)
 SIZE, CLEARANCE, AGE, AHEAD, LEFT, FAILURES, CHOSEN = range(TURN + 1, NUM_FEATURES)
+
+
+class Markers(NamedTuple):
+    """Goals and random trees that a policy considers, for pictures and recordings, map frame [m]."""
+
+    clusters: np.ndarray = NO_POINTS
+    """Candidate goals, such as frontiers or centers of clusters, shape (n, 2)."""
+    chosen: np.ndarray = NO_POINTS
+    """Last chosen goal of each robot, shape (n, 2)."""
+    points: np.ndarray = NO_POINTS
+    """Points found in the last control period, before clustering, shape (n, 2)."""
+    trees: Sequence[np.ndarray] = ()
+    """Edges of each tree, from parent to child, shape (n, 2, 2): the global tree, then local trees."""
+
+    @classmethod
+    def of(cls, navigators: Iterable[Any]) -> "Markers":
+        """Return the candidates and targets of `FrontierNavigator` objects."""
+        clusters = np.concatenate([one.candidates["frontier"] for one in navigators])
+        return cls(clusters, np.array([one.target for one in navigators if one.target]).reshape(-1, 2))
+
+
 HALF_AREA = 10.0
 """Unknown area in view that yields a policy input of 0.5 [m2]: area / (area + `HALF_AREA`). Path cost [m], frontier
 length [m] and age [s] are scaled likewise."""

@@ -2,6 +2,7 @@
 
 const UNKNOWN = 0, FREE = 1, OCCUPIED = 2;
 const VISIBLE_ERROR = 0.05; // least distance of estimated and true path that can be seen [m]
+const CLUSTER = 0, CHOSEN = 1, POINT = 2, GLOBAL_TREE = 3, LOCAL_TREE = 4; // kinds of markers
 const TYPES = { float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
 
 /** Decode the page's data into episodes. */
@@ -48,6 +49,8 @@ class Episode {
     [this.rows, this.cols] = about.map.shape;
     this.kinds = new Uint8Array(this.rows * this.cols);
     this.mapSample = -1; // sample of `kinds`
+    [this.markerSample, this.markerRow] = [-1, 0]; // sample of `shownMarkers`, and next row of `markers`
+    this.shownMarkers = new Map();
     this.hasMap = this.map_cells.length > 0 || this.candidates.length > 0;
     // Kinds of people and other robots; "" if the recording does not tell them.
     this.bodies = about.bodies || Array(this.people_radii.length).fill("");
@@ -126,6 +129,29 @@ class Episode {
       found.push({ x: worldX, y: worldY, cost, visible, failures, score, isChosen });
     }
     return found.sort((a, b) => (Number.isNaN(a.score) ? a.cost - b.cost : b.score - a.score));
+  }
+
+  /** Return the policy's markers at a sample: kind and both ends, world frame. */
+  markersAt(i) {
+    const { markers, about, shownMarkers: shown } = this;
+    if (i < this.markerSample) {
+      this.markerRow = 0;
+      shown.clear();
+    }
+    // A row adds a marker, or removes it if it is shown.
+    for (; markers[6 * this.markerRow] <= i; this.markerRow++) {
+      const row = markers.subarray(6 * this.markerRow + 1, 6 * this.markerRow + 6), key = row.join();
+      if (shown.delete(key)) continue;
+      const [kind, x0, y0, x1, y1] = row;
+      shown.set(key, { kind, ends: [compose(about.start, x0, y0), compose(about.start, x1, y1)] });
+    }
+    this.markerSample = i;
+    return [...shown.values()];
+  }
+
+  /** Return whether a marker of a kind occurs. */
+  hasMarker(wanted) {
+    return this.markers.some((kind, k) => k % 6 === 1 && kind === wanted);
   }
 
   /** Update `kinds` to a sample; return the changed area [top, left, bottom, right], or null. */

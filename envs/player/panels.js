@@ -40,6 +40,7 @@ class Panels {
     const changed = episode.showMap(sample);
     if (changed) this.paint(changed);
     this.candidates = candidates ? episode.candidatesOf(episode.decisionAt(moment)) : [];
+    this.markers = candidates ? episode.markersAt(sample) : [];
     this.drawTruth(sample, truePose, pose, scan);
     if (this.map) this.drawMap(sample, pose, truePose);
     this.tip.hidden = true;
@@ -124,6 +125,7 @@ class Panels {
     context.fillRect(0, 0, this.width, this.height);
     view.raster(context, image, episode.about.start, episode.about.map);
     this.drawTask(context, sample);
+    this.drawMarkers(context);
     this.drawEstimates(context, sample, pose);
     this.drawCandidates(context);
     view.robot(context, pose, radius, colors.estimated, colors.paper);
@@ -138,6 +140,21 @@ class Panels {
     for (const { at, ahead, radius } of episode.tracksAt(sample)) {
       view.ring(context, ...at, radius, this.map ? colors.person : colors.estimated);
       view.line(context, [at, ahead], this.map ? colors.person : colors.estimated, 2);
+    }
+  }
+
+  /** Draw random trees, found points, and goals without scores, the chosen ones filled. */
+  drawMarkers(context) {
+    const { colors, view, markers } = this, of = (kind) => markers.filter((one) => one.kind === kind);
+    for (const [kind, color] of [[GLOBAL_TREE, colors.global], [LOCAL_TREE, colors.local]]) {
+      for (const { ends } of of(kind)) view.line(context, ends, color, 1.4);
+    }
+    for (const { ends: [[x, y]] } of of(POINT)) view.disc(context, x, y, 0, colors.local, 2.5);
+    for (const [kind, rim, fill] of [[CLUSTER, colors.frontier, colors.paper], [CHOSEN, colors.paper, colors.plan]]) {
+      for (const { ends: [[x, y]] } of of(kind)) {
+        view.disc(context, x, y, 0, rim, kind === CHOSEN ? 8 : 5.5);
+        view.disc(context, x, y, 0, fill, kind === CHOSEN ? 6.5 : 3.5);
+      }
     }
   }
 

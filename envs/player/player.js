@@ -4,6 +4,7 @@ const SPEEDS = [1, 2, 5, 10, 20, 50, 100, 200];
 const PLAY_TIME = 45; // target duration of playback at the default speed [s]
 const LEAST_ERROR = 1e-3; // below, no error is plotted [m]
 const hasCandidates = (episode) => episode.candidates.length > 0;
+const hasChosen = (episode) => episode.decision_chosen.some((chosen) => chosen >= 0) || episode.hasMarker(CHOSEN);
 const hasScan = (episode) => episode.scans.some((step) => step > 0 && step !== episode.noReturn);
 const hasError = (episode) => episode.errors.some((error) => error > LEAST_ERROR);
 const hasEstimate = (episode) => episode.hasMap || episode.isAstray;
@@ -20,8 +21,10 @@ const LEGEND = [
   ["person or other robot", "person", "dot", hasBody("")],
   ["estimated path", "estimated", "", hasEstimate],
   ["frontier", "frontier", "", (episode) => episode.hasFrontier()],
-  ["candidate", "frontier", "dot", hasCandidates],
-  ["chosen candidate", "plan", "dot", (episode) => episode.decision_chosen.some((chosen) => chosen >= 0)],
+  ["global tree", "global", "", (episode) => episode.hasMarker(GLOBAL_TREE)],
+  ["local tree, found points", "local", "", (episode) => episode.hasMarker(LOCAL_TREE) || episode.hasMarker(POINT)],
+  ["candidate", "frontier", "dot", (episode) => hasCandidates(episode) || episode.hasMarker(CLUSTER)],
+  ["chosen candidate", "plan", "dot", hasChosen],
   ["plan", "plan", "", (episode) => episode.plans.length],
   ["tracked person", "tracked", "ring", (episode) => episode.tracks.length],
   ["contact", "contact", "", (episode) => episode.contacts.some((count) => count > 0)],
@@ -124,9 +127,9 @@ class Player {
       mark.style.setProperty("--mark", `var(--${color === "tracked" ? (isBare ? "estimated" : "person") : color})`);
       byId("legend").append(element("li", { className: kind }, mark, text));
     }
-    for (const id of ["show-candidates", "about-candidates"]) {
-      (byId(id).closest("label") || byId(id)).hidden = !episodes.some(hasCandidates);
-    }
+    byId("about-candidates").hidden = !episodes.some(hasCandidates);
+    const hasGoals = (episode) => hasCandidates(episode) || episode.markers.length > 0;
+    byId("show-candidates").closest("label").hidden = !episodes.some(hasGoals);
     byId("show-scan").closest("label").hidden = !episodes.some(hasScan);
     const seek = (time) => this.seek(time), title = capitalised(episodes[0].about.progress);
     const percent = (episode) => episode.progress.map((value) => 100 * value);

@@ -10,7 +10,7 @@ import numpy as np
 
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.geometry import OccupancyGrid
-from lidarnaut.envs.navigation import NO_POINTS, Candidates, FrontierNavigator
+from lidarnaut.envs.navigation import NO_POINTS, Candidates, FrontierNavigator, Markers
 from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.simulation.crowd.person_row import KIND
@@ -71,6 +71,7 @@ class EpisodeRecorder:
         self._plans: list[np.ndarray] = []
         self._tracks: list[np.ndarray] = []
         self._map = MapHistory(self._env.belief.grid)
+        self._markers, self._shown = list[np.ndarray](), set[bytes]()
         self._decisions: list[tuple[float, int, np.ndarray]] = []
         self._candidates = self._offered()
 
@@ -114,6 +115,11 @@ class EpisodeRecorder:
         )
         self._plans.append(np.empty((0, 2)) if env.plan is None else corners(env.plan, PLAN_TOLERANCE))
         self._tracks.append(env.tracks)
+        # Decisions contain the frontiers of a navigator.
+        markers = env.markers() if env.markers and self._offered() is None else None
+        before, self._shown = self._shown, {row.tobytes() for row in marker_rows(markers or Markers())}
+        changes = np.frombuffer(b"".join(sorted(before ^ self._shown)), dtype=np.float32).reshape(-1, 5)
+        self._markers.append(np.insert(changes, 0, len(self._markers), axis=1))
         self._map.append(robot.belief.grid)
 
     def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
@@ -160,12 +166,22 @@ class EpisodeRecorder:
             decision_chosen=chosen,
             candidates=np.concatenate([np.empty((0, len(CANDIDATE_COLUMNS))), *rows]),
             candidate_ends=ends_of(rows),
+            markers=np.concatenate(self._markers),
             segments=env.world.segments,
             circles=env.world.circles,
             route=getattr(getattr(env.task, "route", None), "points", NO_POINTS),
             people_radii=radii,
             floor=floor,
         )
+
+
+def marker_rows(markers: Markers) -> np.ndarray:
+    """Return markers as rows of `Recording.markers` without sample, shape (n, 5), float32, rounded to millimetres."""
+    parts = [np.column_stack([points, points]) for points in markers[:3]]
+    parts += [edges.reshape(-1, 4) for edges in markers.trees]
+    rows = np.concatenate([np.insert(part, 0, min(kind, 4), axis=1) for kind, part in enumerate(parts)])
+    # Positions in a growing map differ by rounding errors, and zeros by their signs.
+    return (rows.round(3) + 0.0).astype(np.float32)
 
 
 class MapHistory:

@@ -3,7 +3,7 @@
 import io
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -91,13 +91,17 @@ class Recording:
     """End index (exclusive) of each sample's people in `tracks`."""
     floor: Annotated[np.ndarray, np.uint8, "rows", "columns"]
     """Grid of the floor to explore, world frame: 1 for cells to explore, else 0; a single 0 for other tasks."""
+    markers: Annotated[np.ndarray, np.float32, "markers", 6] = field(default_factory=lambda: np.empty((0, 6), "f4"))
+    """Markers of the policy that appear or vanish: index of the sample, kind (0 candidate goal, 1 chosen goal, 2 found
+    point, 3 edge of the global tree, 4 edge of a local tree), position (x, y), end of an edge (x, y), map frame [m].
+    Older recordings have none."""
 
     @classmethod
     def of(cls, about: dict[str, Any], **arrays: Any) -> "Recording":
         """Create a recording from metadata and arrays (fields by name), converted to the annotated dtypes."""
-        numbers = {name: np.asarray(arrays[name]).astype(kind) for name, (kind, *_) in _LAYOUT.items()}
-        for name, (_, *shape) in _LAYOUT.items():
-            if isinstance(width := shape[-1], int):
+        numbers = {name: np.asarray(array).astype(_LAYOUT[name][0]) for name, array in arrays.items()}
+        for name in numbers:
+            if isinstance(width := _LAYOUT[name][-1], int):
                 numbers[name] = numbers[name].reshape(-1, width)
         return cls(about, **numbers)
 
@@ -121,10 +125,10 @@ class Recording:
             OSError: the file is not readable.
         """
         with open_archive(path, "recorded episode", "record one with `python evaluate.py ... --record`") as archive:
-            if missing := sorted({"about", *_LAYOUT} - set(archive.files)):
+            if missing := sorted({"about", *_LAYOUT} - {"markers", *archive.files}):
                 raise ValueError(f"it lacks {', '.join(missing[:3])}{', ...' * (len(missing) > 3)}")
             about = json.loads(archive["about"].tobytes())
-            recording = cls(about, **{name: archive[name] for name in _LAYOUT})
+            recording = cls(about, **{name: archive[name] for name in _LAYOUT if name in archive.files})
             recording._check()
         return recording
 
@@ -147,6 +151,8 @@ class Recording:
             ends = np.concatenate([[0], getattr(self, name)])
             if (np.diff(ends) < 0).any() or ends[-1] != len(getattr(self, counted)):
                 raise ValueError(f"{name} do not match {counted}")
+        if not (np.diff(self.markers[:, 0], prepend=0.0) >= 0.0).all():
+            raise ValueError("markers are not sorted by sample")
         rows, columns = self.about["map"]["shape"]
         if len(self.map_cells) and not 0 <= self.map_cells.min() <= self.map_cells.max() < rows * columns:
             raise ValueError("map_cells lie outside of the map")

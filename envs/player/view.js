@@ -3,7 +3,7 @@
 const WALL_MARGIN = 0.3; // around the walls [m]
 const COLORS = [
   ..."ink muted line paper true estimated plan goal frontier lidar person floor outside wall free occupied".split(" "),
-  ..."unknown contact first second".split(" "),
+  ..."unknown contact first second global local".split(" "),
 ];
 
 /** Return the theme's colors by name. */

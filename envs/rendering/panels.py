@@ -144,6 +144,15 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
         ends = view.pixels(start.transform(scene.pose_graph.loops.reshape(-1, 2))).reshape(-1, 2, 2)
         for first, last in ends.tolist():
             pygame.draw.line(surface, style.LOOP, first, last, 2)
+    if scene.markers is not None:
+        for k, edges in enumerate(scene.markers.trees):
+            for first, last in view.pixels(start.transform(edges.reshape(-1, 2))).reshape(-1, 2, 2).tolist():
+                pygame.draw.line(surface, style.LOCAL_TREE if k else style.GLOBAL_TREE, first, last, 4)
+        draw_dots(scene.markers.points, 8, style.LOCAL_TREE)
+        draw_dots(scene.markers.clusters, 20, style.FRONTIER)
+        draw_dots(scene.markers.clusters, 12, style.PAPER)
+        draw_dots(scene.markers.chosen, 24, style.PAPER)
+        draw_dots(scene.markers.chosen, 18, style.PLAN)
     for one in (scene, *scene.peers):
         if one.plan is not None:
             draw_dashes(surface, view.pixels(start.transform(one.plan)), style.PLAN, 5)

@@ -5,7 +5,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 import pygame
+
+from lidarnaut.envs.worlds import World
 
 from . import style
 from .glyphs import draw_mark
@@ -16,6 +19,7 @@ from .view import View
 GAP = 16
 HEADER = 108
 FOOTER = 40
+INSET = 160
 TITLES = ("Ground truth", "Map and pose estimate")
 LEGENDS = (
     (
@@ -35,6 +39,17 @@ LEGENDS = (
     ),
 )
 """Legend entries of each panel: text, color and kind of symbol."""
+FURTHER_LEGENDS = {
+    "markers": (
+        ("candidate", style.FRONTIER, "ring"),
+        ("chosen", style.PLAN, "disc"),
+        ("global tree", style.GLOBAL_TREE, "line"),
+        ("local tree", style.LOCAL_TREE, "line"),
+    ),
+    "pose_graph": (("node", style.NODE, "disc"), ("loop closure", style.LOOP, "line")),
+    "tested": (("best tested pose", style.COSTS[0], "disc"), ("worst", style.COSTS[-1], "disc")),
+}
+"""Legend entries of the map panel by the attribute of scenes that has them."""
 
 
 class Typesetter:
@@ -89,10 +104,12 @@ class Picture:
         if scene.world.map is not None:
             beside = pygame.Rect(self._boxes[0].left + 366, 0, 0, self._boxes[0].bottom)
             self._text.legend(self._frame, beside, (("left out", style.LEFT_OUT, "box"),))
-        if scene.pose_graph is not None:
-            box = self._boxes[1]
-            above = pygame.Rect(box.right - 170, 0, 0, box.top - 16 - FOOTER // 2)
-            self._text.legend(self._frame, above, (("node", style.NODE, "disc"), ("loop closure", style.LOOP, "line")))
+        left, top = self._boxes[1].left + 200, self._boxes[1].top - FOOTER // 2
+        for name in (name for name in FURTHER_LEGENDS if getattr(scene, name) is not None):
+            top -= 16
+            self._text.legend(self._frame, pygame.Rect(left, 0, 0, top), FURTHER_LEGENDS[name])
+        if scene.tested is not None and len(scene.tested):
+            self._draw_tested(scene.start.transform(scene.tested[:, :2]), scene.tested[:, 3])
         self._draw_scale(view.scale / SUPERSAMPLING)
         self._draw_header(scene)
         return self._frame
@@ -121,6 +138,23 @@ class Picture:
         pygame.draw.rect(frame, style.RULE, bar, border_radius=5)
         if share > 0:
             pygame.draw.rect(frame, style.TRUE, (*bar.topleft, round(bar.width * share), bar.height), border_radius=5)
+
+    def point_at(self, world: World, pixel: tuple[int, int]) -> np.ndarray:
+        """Return the point at a pixel of the map panel, shape (2,), float64, world frame [m]."""
+        box = self._boxes[1]
+        return View(shown_bounds(world), box.size).points(np.subtract(pixel, box.topleft))[0]
+
+    def _draw_tested(self, points: np.ndarray, costs: np.ndarray) -> None:
+        away = points - points[costs.argmin()]
+        reach = max(float(np.abs(away).max()), 1e-3)
+        inset = pygame.Rect(self._boxes[1].topleft, (INSET, INSET)).move(8, 8)
+        pygame.draw.rect(self._frame, style.PAPER, inset)
+        pixels = inset.center + away * (1, -1) * (0.4 * INSET / reach)
+        best_first = np.array_split(pixels[np.argsort(costs, kind="stable")], len(style.COSTS))
+        for colour, some in reversed(list(zip(style.COSTS, best_first, strict=True))):
+            for pixel in some.tolist():
+                pygame.draw.circle(self._frame, colour, pixel, 2.5)
+        self._text.write(self._frame, f"{250 * reach:.3g} cm wide", bottomleft=(inset.left + 6, inset.bottom - 3))
 
     def _draw_scale(self, pixels_per_metre: float) -> None:
         lengths = [n * 10.0**k for k in (2, 1, 0, -1, -2) for n in (5, 2, 1)]

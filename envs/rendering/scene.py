@@ -8,8 +8,9 @@ import numpy as np
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.slam import PoseGraphView
+from lidarnaut.envs.slam import MatcherTrace, PoseGraphView
 from lidarnaut.envs.worlds import World
 
 
@@ -49,6 +50,10 @@ class Scene:
     """Particles of the localizer x, y, heading, shape (n, 3), map frame [m, m, rad]."""
     has_known_map: bool = False
     pose_graph: PoseGraphView | None = None
+    markers: Markers | None = None
+    """Goals and random trees that the policy considers."""
+    tested: np.ndarray | None = None
+    """Poses tested for the last scan x, y, heading, and their costs, shape (n, 4), map frame [m, m, rad]."""
     peers: tuple["Scene", ...] = ()
 
     @property
@@ -73,7 +78,7 @@ def scene_of(env: Any, k: int) -> Scene:
     robot, truth, task = env.robots[k], env.truths[k], env.task
     estimator = robot.estimator
     pose_graph = getattr(estimator, "pose_graph", None)
-    plan = env.plans[k]
+    plan, observers = env.plans[k], getattr(estimator, "observers", ())
     return Scene(
         world=env.world,
         robot=robot.params,
@@ -94,4 +99,6 @@ def scene_of(env: Any, k: int) -> Scene:
         particles=getattr(estimator, "particles", None),
         has_known_map=env.priors[k].map is not None,
         pose_graph=pose_graph if isinstance(pose_graph, PoseGraphView) else None,
+        markers=env.markers() if k == 0 and env.markers else None,
+        tested=next((np.reshape(one.tested, (-1, 4)) for one in observers if isinstance(one, MatcherTrace)), None),
     )

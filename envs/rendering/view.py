@@ -29,6 +29,10 @@ class View:
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         return (points - (self._left, self._top)) * (self.scale, -self.scale)
 
+    def points(self, pixels: np.ndarray) -> np.ndarray:
+        """Return world points, shape (n, 2), float64 [m], of pixel coordinates, shape (n, 2); inverse of `pixels`."""
+        return np.reshape(pixels, (-1, 2)) / (self.scale, -self.scale) + (self._left, self._top)
+
     def paint_grid(self, grid: OccupancyGrid, start: Pose2D, palette: np.ndarray, image: np.ndarray) -> None:
         """Paint an occupancy grid into an image, shape (height, width), uint32.
 
@@ -37,8 +41,7 @@ class View:
         """
         # Three pixel centers define the affine transform to cells.
         pixels = np.array([(0.5, 0.5), (1.5, 0.5), (0.5, 1.5)])
-        world = pixels / (self.scale, -self.scale) + (self._left, self._top)
-        cells = (start.inverse().transform(world) - grid.origin) / grid.resolution
+        cells = (start.inverse().transform(self.points(pixels)) - grid.origin) / grid.resolution
         _paint(grid.data, palette, cells[0], cells[1] - cells[0], cells[2] - cells[0], image)
 
 

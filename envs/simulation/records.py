@@ -88,17 +88,16 @@ PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, 
 contacts.
 
 `INTRUSION`: time in the personal space of people. `TOUCHED_BY`: cause of the present contact, see `envs.transition`."""
-MOTION_SETTINGS, ROBOT = 63, 70
-"""First columns of odometry settings (`MotionSettings`) and robot parameters (`RobotRecord`) in a robot's state."""
+SLIP, MOTION_SETTINGS, ROBOT = 63, 64, 71
+"""`SLIP`: odometry distance in contact since the last processed scan [m]. `MOTION_SETTINGS`, `ROBOT`: first columns of
+odometry settings (`MotionSettings`) and robot parameters (`RobotRecord`) in a robot's state vector."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
 ROW_SIZE = ROBOT + RECORD_SIZE
 SENSED = np.ones(ROW_SIZE)
 """Factors that hide ground truth in a robot's state vector, shape (ROW_SIZE,), float64: NaN for columns unknown to the
 robot, else 1."""
 SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
-SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, MOTION_SETTINGS), *range(ROBOT, PERIOD), PERIOD + 1]] = (
-    np.nan
-)
+SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, SLIP), *range(ROBOT, PERIOD), PERIOD + 1]] = np.nan
 
 
 @lru_cache(maxsize=64)

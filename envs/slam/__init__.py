@@ -13,7 +13,7 @@ from lidarnaut.envs.robots import LidarParams, OdometryNoise
 from .gmapping.gmapping import GMapping
 from .graph.graph_slam import GraphSlam
 from .hector import Hector
-from .matcher import MatcherObserver
+from .matcher import MatcherObserver, MatcherTrace
 from .posegraph import PoseGraphView
 from .slam_params import (
     PRESETS,
@@ -131,6 +131,7 @@ __all__ = [
     "KnownPoses",
     "LoopClosureParams",
     "MatcherObserver",
+    "MatcherTrace",
     "PoseGraphView",
     "TinySlam",
     "TinySlamParams",

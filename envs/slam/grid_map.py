@@ -1,4 +1,4 @@
-"""Occupancy grid of TinySLAM: a cell stores the mean of its observations.
+"""Occupancy grid of TinySLAM: a cell stores the mean of its observations, or their exponential average.
 
 A cell is packed into 32 bits: signed fixed-point occupancy in the upper 20 (18 fractional), and number of observations
 in the lower 12. Sums of occupancies are exact.
@@ -35,6 +35,10 @@ class InverseSensorModel(NamedTuple):
     hole: float
     """Length before a beam endpoint over which occupancy rises from free to occupied [cells]."""
     add_blur: bool
+    uses_area: bool
+    """Weigh cells along a beam by the area that it cuts off; the endpoint's occupancy is the area behind it."""
+    is_base: bool
+    """Cells store exponential averages instead of means."""
 
 
 def unvisited_word(value: float) -> int:
@@ -61,6 +65,19 @@ def _weighted(prob, quality):
 
 
 @njit(cache=True, error_model="numpy")
+def smaller_part(offset, c, s):
+    """Return the smaller of the two parts of a unit cell cut by a line at `offset` from its centre; 0.5 if none is cut.
+
+    `c`, `s`: cosine and sine of the line's direction. The parts are a triangle and a pentagon, or two trapezoids.
+    """
+    large, small, offset = max(abs(c), abs(s)), min(abs(c), abs(s)), abs(offset)
+    reach = 0.5 * (large + small)
+    if offset >= reach:
+        return 0.5
+    return (reach - offset) ** 2 / (2.0 * large * small) if offset > reach - small else 0.5 - offset / large
+
+
+@njit(cache=True, error_model="numpy")
 def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells):
     """Insert a scan into an occupancy grid; return the number of cells observed for the first time.
 
@@ -83,21 +100,39 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
         # Earlier cells are free.
         first_special = max(length - math.ceil(hole), 0) if ends[k, 2] > 0.0 else length + 1
         base, side = row_0 * width + col_0, SIDE_START
+        c, s, hit_prob = 1.0, 0.0, model.occupied_prob
+        if model.uses_area:
+            reach = math.hypot(ends[k, 0] - x, ends[k, 1] - y)
+            c, s = (ends[k, 0] - x) / reach, (ends[k, 1] - y) / reach
+            ahead = c * (col_1 + 0.5 - ends[k, 0]) + s * (row_1 + 0.5 - ends[k, 1])
+            part = smaller_part(ahead, s, c)
+            hit_prob = 1.0 - part if ahead > 0.0 else part
         for step_number in range(length + 1):
             index = np.uint64(base + (side >> 32) * side_step)
-            target = passed
+            target, prob, weight = passed, model.empty_prob, quality
             if step_number >= first_special:
                 square = (int(index) // width - row_1) ** 2 + (int(index) % width - col_1) ** 2
                 if square == 0:
-                    target = occupied
+                    target, prob = occupied, hit_prob
                 elif square < hole * hole:
-                    ramp = model.occupied_prob * (1.0 - square / (hole * hole))
-                    target = _weighted(min(model.empty_prob + ramp, 1.0) if model.add_blur else ramp, quality)
+                    ramp = hit_prob * (1.0 - square / (hole * hole))
+                    prob = min(model.empty_prob + ramp, 1.0) if model.add_blur else ramp
+                    target = _weighted(prob, quality)
             word = flat[index]
             if word & MAX_COUNT == 0:
                 new_cells[num_new, 0] = index
                 num_new += 1
-            word = observe(word, target)
+            if model.uses_area:
+                row, col = int(index) // width, int(index) % width
+                if not (row == row_1 and col == col_1 and ends[k, 2] > 0.0):
+                    weight *= smaller_part(c * (row + 0.5 - y) - s * (col + 0.5 - x), c, s)
+                target = _weighted(prob, weight)
+            if model.is_base:
+                value = word >> COUNT_BITS if word & MAX_COUNT else FULL_OCCUPANCY // 2
+                value += round(weight * (prob * FULL_OCCUPANCY - value))
+                word = (value << COUNT_BITS) | min((word & MAX_COUNT) + 1, MAX_COUNT)
+            else:
+                word = observe(word, target)
             flat[index] = word
             flat_occupancy[index] = ((word >> COUNT_BITS) * 100 + FULL_OCCUPANCY // 2) >> 18
             base, side = base + step, side + slope
@@ -108,12 +143,13 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
 
 
 class GridMap(GrowingMap):
-    """Occupancy grid whose cells store mean observed occupancies."""
+    """Occupancy grid whose cells store averages of observed occupancies."""
 
     def __init__(self, params: TinySlamParams, lidar: LidarParams) -> None:
         super().__init__(params, lidar)
         hole = params.hole_width / params.resolution
-        self.model = InverseSensorModel(params.occupied_prob, params.empty_prob, hole, params.blur == "add")
+        kinds = params.blur == "add", params.occupancy_estimator == "area", params.cell_type == "base"
+        self.model = InverseSensorModel(params.occupied_prob, params.empty_prob, hole, *kinds)
         self.unvisited = unvisited_word(params.unvisited)
         self.words = np.full(self.grid.data.shape, self.unvisited, dtype=np.int32)
 

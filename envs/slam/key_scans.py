@@ -11,6 +11,7 @@ from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 
 from .log_odds_map import LOG_ODDS_UNIT, LogOddsMap
+from .matcher import MatcherObserver
 from .posegraph import GrowingArray
 from .scans import ScanGeometry, check_scan, project_hits
 
@@ -94,6 +95,10 @@ class KeyScanSlam(ABC):
     """Whether the robot tracks people; log-odds of map cells are then limited to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
     """Beams to exclude from the next scan matching but not from mapping, shape (num_beams,), bool; None for none."""
+    observers: tuple[MatcherObserver, ...] = ()
+    """Observers of the poses tested in scan matching."""
+    slip = 0.0
+    """Distance by odometry [m] while the bumper was pressed, since the last processed scan; wheels slip in contact."""
     shares_maps = True
 
     def __init__(self, lidar: LidarParams, params: Any) -> None:
@@ -104,7 +109,7 @@ class KeyScanSlam(ABC):
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
         """Restart at a known pose, map frame, with a new map, or with a given shared map."""
-        self.rng = rng
+        self.rng, self.slip = rng, 0.0
         self.map = self._make_map() if map is None else map
         if self.meets_people and isinstance(self.map, LogOddsMap):
             bound = min(self.map.model.bound, round(MAX_LOG_ODDS_WITH_PEOPLE * LOG_ODDS_UNIT))
@@ -125,6 +130,8 @@ class KeyScanSlam(ABC):
         """
         ranges = check_scan(reading.ranges, motion, self._lidar)
         predicted = self._predict(motion)
+        if reading.bumper:
+            self.slip += distance(motion.x, motion.y)
         if self.params.match_every_scan or self.is_key_pose(predicted):
             return self.process_key_scan(ranges, predicted)
         self.belief.pose, self.belief.update = predicted, NO_UPDATE
@@ -144,6 +151,7 @@ class KeyScanSlam(ABC):
             if quality is not None:
                 belief.update = self._integrate(ranges, pose, quality)
             self.last_key_pose = pose
+        self.slip = 0.0
         return belief
 
     def _predict(self, motion: Pose2D) -> Pose2D:

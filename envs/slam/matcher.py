@@ -1,6 +1,6 @@
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import njit
@@ -8,7 +8,7 @@ from numba import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.lookup import load
 
-from .grid_map import COUNT_BITS, FULL_OCCUPANCY, GridMap, unvisited_word
+from .grid_map import COUNT_BITS, unvisited_word
 from .scans import project_hits
 from .slam_params import TinySlamParams
 
@@ -38,10 +38,16 @@ class Search(NamedTuple):
     accepted: int
 
 
-class MatcherObserver(Protocol):
-    """Observer of the poses tested in Monte Carlo scan matching, map frame [m, m, rad].
+Tested = tuple[Pose2D, float]
+"""Tested pose, map frame, and its cost."""
 
-    Cost is the number of scan points minus the sum of map occupancies at the points, plus the prior penalty.
+
+class MatcherObserver(Protocol):
+    """Observer of the poses tested in scan matching, map frame [m, m, rad].
+
+    TinySLAM reports sampled poses, Hector and graph SLAM Gauss-Newton steps on the finest map, GMapping the matched
+    poses of its particles. Cost is the number of scan points minus the sum of map occupancies at the points; TinySLAM
+    adds the prior penalty.
     """
 
     def on_matching_start(self, pose: Pose2D) -> None:
@@ -59,6 +65,24 @@ class MatcherObserver(Protocol):
     def on_matching_end(self, pose: Pose2D, cost: float) -> None:
         """Called with the best pose after scan matching."""
         ...
+
+
+class MatcherTrace:
+    """Observer that keeps the poses tested for the last scan; pictures show them."""
+
+    def __init__(self) -> None:
+        self.tested: list[tuple[float, float, float, float]] = []
+        """Poses x, y, heading, map frame [m, m, rad], and their costs."""
+
+    def on_matching_start(self, pose: Pose2D) -> None:
+        self.tested.clear()
+
+    def on_scan_test(self, pose: Pose2D, cost: float) -> None:
+        self.tested.append((*pose, cost))
+
+    def on_pose_update(self, pose: Pose2D, cost: float) -> None: ...
+
+    on_matching_end = on_pose_update
 
 
 def search_params(params: TinySlamParams) -> SearchParams:
@@ -156,22 +180,17 @@ def match_scan(ranges, geometry, words, corner, pose, params, noise, points, tra
     return (x, y, wrap_angle(found.theta)), found.tried, True, count
 
 
-def notify(
-    observers: Sequence[MatcherObserver], grid_map: GridMap, predicted: Pose2D, trace: np.ndarray, num_hits: int
-) -> None:
-    """Report a finished search to observers: predicted pose, map frame [m, m, rad], and sampled poses in `trace`."""
-
-    def send(event: str, *arguments: Pose2D | float) -> None:
+def notify(observers: Sequence[Any], predicted: Pose2D, tested: Sequence[Tested], result: Tested | None = None) -> None:
+    """Report tested poses of a finished search to observers; `result`: None for the pose with the lowest cost."""
+    best = tested[0]
+    for observer in observers:
+        observer.on_matching_start(predicted)
+    for one in tested:
+        is_better = one[1] < best[1]
+        best = one if is_better else best
         for observer in observers:
-            getattr(observer, event)(*arguments)
-
-    send("on_matching_start", predicted)
-    best = predicted, num_hits - trace[0, 3] / FULL_OCCUPANCY
-    send("on_scan_test", *best)
-    for x, y, theta, total, is_better in trace[1:].tolist():
-        pose, cost = Pose2D(*grid_map.to_metres(x, y), wrap_angle(theta)), num_hits - total / FULL_OCCUPANCY
-        send("on_scan_test", pose, cost)
-        if is_better:
-            best = pose, cost
-            send("on_pose_update", *best)
-    send("on_matching_end", *best)
+            observer.on_scan_test(*one)
+            if is_better:
+                observer.on_pose_update(*one)
+    for observer in observers:
+        observer.on_matching_end(*(result or best))

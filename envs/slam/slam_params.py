@@ -66,6 +66,12 @@ class TinySlamParams(SlamParams):
     blur: Literal["add", "assign"] = "add"
     """Lowest value of the occupancy rise before a beam endpoint: `empty_prob` ("add", original program) or 0
     ("assign")."""
+    occupancy_estimator: Literal["const", "area"] = "const"
+    """Observed occupancies: `occupied_prob` and `empty_prob` ("const"), or by the area of the cell that the beam cuts
+    off ("area": `AreaOccupancyEstimator` of OSLL/tiny-slam-ros-cpp)."""
+    cell_type: Literal["avg", "base"] = "avg"
+    """Value of a cell: mean of its observations ("avg"), or p <- (1 - q) p + q p_new from p = 0.5, with scan quality q
+    ("base"; original program: `quality=0.2,raw_quality=0.1,unvisited=0.5`)."""
     prior_weight: NotNegative = 0.0
     """Weight of the squared Mahalanobis distance from the predicted pose in the matching cost; 0 for none (original
     program). A scan point in a free cell costs about 1."""

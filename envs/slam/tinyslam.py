@@ -10,8 +10,10 @@ from lidarnaut.envs.robots import LidarParams
 from .grid_map import FULL_OCCUPANCY, GridMap
 from .key_scans import KeyScanSlam
 from .matcher import MatcherObserver, SearchParams, match_scan, notify, search_params
+from .matching.correlative import CorrelativeWindow, search_window
 from .matching.covariance import NoiseRecord, motion_stds
 from .matching.gauss_newton import known_score_at
+from .matching.scan_matcher import WINDOW_STDS
 from .relocalization import LocalizationMonitor
 from .scans import project_hits
 from .slam_params import TinySlamParams
@@ -28,6 +30,7 @@ class KnownPoses(KeyScanSlam):
     """Mapping without scan matching: scans are inserted at odometry or ground-truth poses."""
 
     params: TinySlamParams
+    map: GridMap
 
     def _make_map(self) -> GridMap:
         return GridMap(self.params, self._lidar)
@@ -91,20 +94,38 @@ class TinySlam(KnownPoses):
         return Pose2D(x, y, wrap_angle(pose.theta + motion.theta))
 
     def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
+        start = predicted
+        if search is None:
+            search = self._weighted_search(predicted)
+            if self.slip > self.params.resolution:
+                start = self._search_window(ranges, predicted)
+            if self.slip > 0.0:
+                search = search._replace(sigma_xy=max(search.sigma_xy, 0.5))
         self.rng.standard_normal(out=self._noise)
-        over = (self.map.geometry, self.map.words, self.map.corner, tuple(predicted))
-        work = (search or self._weighted_search(predicted), self._noise, self._points, self._trace)
+        over = (self.map.geometry, self.map.words, self.map.corner, tuple(start))
+        work = (search, self._noise, self._points, self._trace)
         pose, num_tried, is_better, num_hits = match_scan(ranges, *over, *work)
         if self.observers:
-            notify(self.observers, self.map, predicted, self._trace[: num_tried + 1], num_hits)
-        return Pose2D(*pose) if is_better else predicted
+            rows, to_metres = self._trace[: num_tried + 1].tolist(), self.map.to_metres
+            poses = [start, *(Pose2D(*to_metres(x, y), wrap_angle(theta)) for x, y, theta, _, _ in rows[1:])]
+            costs = [num_hits - row[3] / FULL_OCCUPANCY for row in rows]
+            notify(self.observers, start, list(zip(poses, costs)))
+        return Pose2D(*pose) if is_better else start
+
+    def _search_window(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
+        count, std = project_hits(ranges, self.map.geometry, self._points), self.slip / self.params.resolution
+        start = *self.map.to_cells(predicted.x, predicted.y), predicted.theta
+        window = CorrelativeWindow(WINDOW_STDS * std, 0.0, std, 1.0, 50)
+        x, y, theta = search_window(self.map.grid.data, 1.0, self._points, count, start, window)
+        return Pose2D(*self.map.to_metres(x, y), wrap_angle(theta))
 
     def _weighted_search(self, predicted: Pose2D) -> SearchParams:
         params, last = self.params, self._last_matched_pose()
         if params.prior_weight == 0.0 or last is None:
             return self._search
         travelled = distance(predicted.x - last.x, predicted.y - last.y)
-        stds = motion_stds(NoiseRecord.of(params.odometry_noise), travelled, wrap_angle(predicted.theta - last.theta))
+        noise = NoiseRecord.of(params.odometry_noise).in_contact(self.slip)
+        stds = motion_stds(noise, travelled, wrap_angle(predicted.theta - last.theta))
         weight = params.prior_weight * FULL_OCCUPANCY
         position_penalty = weight * (params.resolution / stds[0]) ** 2
         return self._search._replace(position_penalty=position_penalty, heading_penalty=weight / stds[1] ** 2)

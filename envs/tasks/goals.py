@@ -31,7 +31,7 @@ class GoalTask(WorldTask):
 
     measures: ClassVar[Sequence[Measure]] = GOAL
     progress = "progress"
-    reset_options = ("goal",)
+    reset_options: ClassVar[tuple[str, ...]] = ("goal",)
 
     goal: Any = "random"
     """Goal: `"random"`, `"world"` (the world's own goal), or (x, y, theta) or (x, y), map frame. During an episode, the

@@ -3,7 +3,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -11,13 +11,13 @@ from lidarnaut.envs.arguments import is_pose
 from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
-from lidarnaut.envs.localization import AmclParams
+from lidarnaut.envs.localization import Amcl, AmclParams
 from lidarnaut.envs.observations import Goal, PoseUncertainty
 from lidarnaut.envs.robot import Prior, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.task import ObservationPart
-from lidarnaut.envs.worlds import load_map
+from lidarnaut.envs.worlds import World, load_map
 
 from .goals import GeodesicDistance, GoalTask, known_map, make_localizer
 from .starts import WorldTask
@@ -30,20 +30,20 @@ INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 class KnownMapTask(WorldTask):
     """Base class of tasks on a known map, with a localizer."""
 
+    reset_options: ClassVar[tuple[str, ...]] = ("initial_pose",)
+
     localizer: str = "amcl"
     amcl: str | AmclParams = "default"
-    initial_pose: Literal["known", "unknown"] = "known"
+    initial_pose: Any = "known"
     map: str | Path | OccupancyGrid | None = None
     map_pose: Any = (0.0, 0.0, 0.0)
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        if self.initial_pose not in ("known", "unknown"):
-            raise ValueError(f"initial_pose must be 'known' or 'unknown', got {self.initial_pose!r}")
-        if self.initial_pose == "unknown" and self.localizer != "amcl":
-            raise ValueError(f"initial_pose='unknown' needs localizer='amcl', got {self.localizer!r}")
-        if not is_pose(self.map_pose):
-            raise ValueError(f"map_pose must be (x, y, theta), got {self.map_pose!r}")
-        self.map_pose = Pose2D(*map(float, self.map_pose))
+        self._one: Robot  # set by `reset`
+        self._read_initial_pose(self.initial_pose, "known", "unknown")
+        self._frame = frame = self.map_pose
+        if not (is_pose(frame) or (isinstance(frame, str) and frame == "spawn")):
+            raise ValueError(f"map_pose must be 'spawn' or (x, y, theta), all finite, got {frame!r}")
         self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
         self.needs_explorable = self._map is None
         self.uses_true_motion = self.localizer == "truth"
@@ -52,10 +52,29 @@ class KnownMapTask(WorldTask):
     def make_estimator(self) -> Estimator:
         return make_localizer(self.localizer, self.robot.lidar, self.amcl)
 
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
+        self.map_pose = world.spawns[0] if isinstance(self._frame, str) else Pose2D(*map(float, self._frame))
+        return super().choose_starts(world, start, rng)
+
+    def _read_initial_pose(self, given: Any, *names: str) -> Any:
+        pose: Any = Pose2D(*map(float, given)) if is_pose(given) else given
+        if not (isinstance(pose, Pose2D) or (isinstance(pose, str) and pose in names)):
+            raise ValueError(f"initial_pose must be {', '.join(map(repr, names))} or (x, y, theta), got {given!r}")
+        if pose != "known" and self.localizer != "amcl":
+            raise ValueError(f"initial_pose={given!r} needs localizer='amcl', got {self.localizer!r}")
+        return None if pose == "unknown" else pose
+
+    def set_initial_pose(self, pose: Any) -> None:
+        """Restart localization; see `LidarEnv.set_initial_pose`."""
+        robot, given, amcl = self._one, self._read_initial_pose(pose, "unknown"), cast(Amcl, self._one.estimator)
+        robot.follow(amcl.reset(amcl.rng, given, robot.belief.grid))
+
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         grid = known_map(self.area) if self._map is None else self._map
-        if self.initial_pose == "unknown":
-            return Prior(None, grid)
+        given = self.options.get("initial_pose", self.initial_pose)
+        self._given_pose = self._read_initial_pose(given, "known", "unknown")
+        if self._given_pose != "known":
+            return Prior(self._given_pose, grid)
         pose = self.map_pose.between(self.starts[0])
         std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
         prior_pose = Pose2D(*(pose + std * rng.standard_normal(3)))
@@ -98,8 +117,10 @@ class Navigate(KnownMapTask, GoalTask):
     The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
     away; other goals are in the map frame, and need no theta if `heading_tolerance` is pi. With `initial_pose="known"`
     the localizer knows the start with standard deviations of 0.1 m and 5 degrees; `"unknown"` means global
-    localization. `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` sets one episode, `set_goal` a
-    new goal without a reset.
+    localization. A pose (x, y, theta), map frame, is given to the localizer as in RViz's 2D Pose Estimate, with the
+    standard deviations of `amcl` (0.5 m and 15 degrees), and may be wrong.
+    `reset(options={"goal": (x, y, theta), "initial_pose": ..., "world": ..., "start": ...})` sets one episode,
+    `set_goal` a new goal and `set_initial_pose` a new pose estimate without a reset.
 
     ## Episode End
     1. Termination: the robot's true pose is within `goal_tolerance` and `heading_tolerance` of the goal.
@@ -121,9 +142,9 @@ class Navigate(KnownMapTask, GoalTask):
     |---|---|---|
     | `localizer` | `"amcl"` | `"amcl"`, `"odometry"` or `"truth"` |
     | `amcl` | `"default"` | preset of AMCL, or `AmclParams` |
-    | `initial_pose` | `"known"` | whether the localizer knows the start: `"known"` or `"unknown"` |
+    | `initial_pose` | `"known"` | initial pose of the localizer: `"known"`, `"unknown"`, or (x, y, theta), map frame |
     | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` for the map of a perfect exploration |
-    | `map_pose` | `(0, 0, 0)` | pose of the map frame, world frame |
+    | `map_pose` | `(0, 0, 0)` | pose of the map frame, world frame; `"spawn"` for the world's first spawn, where maps of explorations with `start="spawn"` begin |
     | `goal` | `"random"` | see Starting State; `"world"` for the world's goal of the nearest spawn |
     | `min_distance` | `1.0` | minimum distance from the start to a random goal [m] |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
@@ -134,6 +155,7 @@ class Navigate(KnownMapTask, GoalTask):
     * v0: first version
     """
 
+    reset_options = ("goal", "initial_pose")
     weights = {"progress": 1.0, "time": -0.02, "collision": -0.5, "reached": 10.0}
 
     heading_tolerance: float = math.pi
@@ -153,7 +175,7 @@ class Navigate(KnownMapTask, GoalTask):
         return self._path_length
 
     def _usual_time(self, length: float) -> float:
-        return super()._usual_time(length) + 60.0 * (self.initial_pose == "unknown")
+        return super()._usual_time(length) + 60.0 * (self._given_pose != "known")
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         self._true_pose = simulator.states[0].pose

@@ -9,7 +9,7 @@ import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.baselines.policy import OnePerRobot
-from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.core import LidarEnv, lidar_env_of
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.explore import Explore
 
@@ -223,3 +223,42 @@ def test_entries_of_info_may_vanish_and_change_their_size():
     history = run_episode(env, policies_for(env)["random"](), 0).history
     assert "seen" not in history.samples
     np.testing.assert_array_equal(history.samples["early"], [1.0] * 3 + [math.nan] * 8)
+
+
+@pytest.mark.parametrize(
+    ("id", "name", "num_trees"),
+    [
+        ("Explore-v0", "nearest", 0),
+        ("Explore-v0", "rrt", 2),
+        ("ExploreTeam-v0", "rrt_team", 3),
+        ("ExploreTeam-v0", "auction", 0),
+        ("ExploreFrontiers-v0", "nearest", 0),
+        ("ExploreTeamFrontiers-v0", "nearest", 0),
+        ("Explore-v0", "wall_follower", None),
+    ],
+)
+def test_markers_of_policies_are_shown(id, name, num_trees):
+    arguments = {"world": "turtlebot3_house", "physics": "kinematic", "slam": "truth", "time_limit": 8.0}
+    env = gymnasium.make(f"lidarnaut/{id}", **arguments)
+    env.reset(seed=0)
+    inner = lidar_env_of(env)
+    run_episode(env, policies_for(env)[name](), 0)
+    markers, scene = inner.markers(), inner.scene()
+    if num_trees is None:
+        assert markers is None
+        return
+    grid = inner.belief.grid
+    assert len(markers.clusters) > 2
+    assert 1 <= len(markers.chosen) <= inner.task.num_robots
+    assert len(markers.trees) == num_trees
+    ends = [edges.reshape(-1, 2) for edges in markers.trees]
+    for points in (markers.clusters, markers.chosen, markers.points, *ends):
+        assert grid.contains(grid.cells(points)).all()
+    if num_trees == 0:
+        gaps = np.hypot(*np.moveaxis(markers.clusters[:, None] - markers.chosen[None], -1, 0)).min(axis=0)
+        assert gaps.min() < 1.0
+    assert all((grid.data[tuple(grid.cells(points).T)] >= 0).all() for points in ends), "trees stay in known space"
+    assert scene.markers.clusters.tolist() == markers.clusters.tolist()
+    assert all(peer.markers is None for peer in scene.peers)
+    env.reset(seed=1)
+    assert (inner.markers is None) == (id in ("Explore-v0", "ExploreTeam-v0")), "of this episode only"

@@ -29,11 +29,15 @@ def test_a_drive_is_what_the_robot_saw_and_is_repeatable():
 
 
 def test_kidnapping_joins_two_drives():
-    one, two = (Drive(np.full((n, 2), k), np.full((n, 3), 1 - k), np.full((n, 3), k)) for n, k in ((5, 0), (4, 1)))
+    one, two = (
+        Drive(np.full((n, 2), k), np.full((n, 3), 1 - k), np.full((n, 3), k), np.full(n, k))
+        for n, k in ((5, 0), (4, 1))
+    )
     joined = one.then(two, 3)
     np.testing.assert_array_equal(joined.truth[:, 0], [0, 0, 0, 1, 1, 1, 1])
     np.testing.assert_array_equal(joined.motions[:, 0], 1 - joined.truth[:, 0])
     np.testing.assert_array_equal(joined.ranges[:, 0], joined.truth[:, 0])
+    np.testing.assert_array_equal(joined.bumper, joined.truth[:, 0])
 
 
 def test_times_that_were_never_reached_are_infinite_or_none():

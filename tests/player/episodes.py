@@ -4,11 +4,20 @@ from lidarnaut.envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, R
 
 
 def synthetic(
-    duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", flicker=20, seed=0, has_goal=False, is_bare=False
+    duration,
+    size=(12.0, 8.0),
+    num_candidates=5,
+    explorer="made_up",
+    flicker=20,
+    seed=0,
+    has_goal=False,
+    is_bare=False,
+    has_trees=False,
 ):
     """Return an episode in a hall of `size` [m] with a map that grows by columns; one sample per 0.5 s.
 
     `flicker` cells in the last three metres change with every sample, and every fourth second is a decision.
+    `has_trees`: with two random trees, a found point and two goals; one tree vanishes after 40 s.
     `is_bare`: with a person and another robot, without map, candidates, plan and pose error.
     """
     rng = np.random.default_rng(seed)
@@ -76,6 +85,14 @@ def synthetic(
         decision_chosen=np.zeros(len(decisions), dtype=np.int32),
         candidates=candidates,
         candidate_ends=(num_candidates * np.arange(1, len(decisions) + 1)),
+        markers=[
+            (0, 0, 1.5, 5.0, 1.5, 5.0),
+            (0, 1, 2.5, 2.0, 2.5, 2.0),
+            (0, 2, 2.0, 6.0, 2.0, 6.0),
+            (0, 3, 1.0, 1.0, 4.0, 6.5),
+            (0, 4, 1.0, 1.0, 1.0, 7.0),
+            (80, 4, 1.0, 1.0, 1.0, 7.0),
+        ][: 6 * has_trees],
         segments=[(0, 0, width, 0), (width, 0, width, height), (width, height, 0, height), (0, height, 0, 0)],
         circles=[(width / 2, 1.0, 0.3)],
         route=[(1.0, 1.0), (width - 1.0, 1.0)][: 2 * has_goal],

@@ -100,6 +100,22 @@ def test_only_what_a_recording_has_is_shown(folder):
     assert not any("candidate" in text.lower() for text in bare["texts"])
 
 
+def test_trees_and_goals_without_scores_are_drawn(tmp_path):
+    (tmp_path / "page.html").write_text(build_page([synthetic(60.0, num_candidates=0, has_trees=True)]))
+    report = visit(tmp_path, HARNESS, "page=page.html&width=1280")
+    assert report["errors"] == []
+    assert report["layout"]["legend"][5:9] == [
+        *("global tree", "local tree, found points", "candidate", "chosen candidate")
+    ]
+    assert report["layout"]["labels"][1:] == ["Candidates", "Scan"]
+    assert not any("tap it" in text for text in report["layout"]["texts"])
+    truth, belief = report["colors"][:2]
+    for name in ("global", "local"):
+        assert belief.get(name, 0) > 50, name
+        assert truth.get(name, 0) == 0, name
+    assert report["isMapRestored"]  # after a visit to the end, when one tree has vanished
+
+
 def test_an_hour_opens_within_two_seconds_of_processor_time(tmp_path):
     page = build_page([synthetic(3600.0, (50.0, 30.0), num_candidates=20, flicker=40)])
     (tmp_path / "page.html").write_text(page)

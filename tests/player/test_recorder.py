@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from lidarnaut.agents.frontiers.score import FrontierScore, ScoreExplorer
-from lidarnaut.baselines import policies_for
+from lidarnaut.baselines import RrtExplorer, policies_for
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.frontier.rules import GainOverCostExplorer, NearestExplorer
 from lidarnaut.envs.geometry import OccupancyGrid
-from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.navigation import Markers, crop_to_known
 from lidarnaut.envs.player import EpisodeRecorder, Recording, build_page
-from lidarnaut.envs.player.recorder import PLAN_TOLERANCE, MapHistory, corners
+from lidarnaut.envs.player.recorder import PLAN_TOLERANCE, MapHistory, corners, marker_rows
 from lidarnaut.envs.player.recording import BODY_KINDS
 from lidarnaut.envs.simulation.crowd.person_row import ATTENTIVE, BLIND, FIXED_ROUTE, KIND, STANDING
 from tests.player.episodes import synthetic
@@ -87,6 +87,48 @@ def test_candidates_have_their_costs_and_the_rules_values():
     np.testing.assert_allclose(last[:, :2], candidates["frontier"], atol=1e-5)
     np.testing.assert_allclose(last[:, 2], candidates["cost"], rtol=1e-6)
     np.testing.assert_allclose(last[:, 5], explorer.scores, rtol=1e-5)
+
+
+def test_trees_and_points_are_recorded_once_with_the_samples_that_show_them():
+    env, explorer = make_env(time_limit=8.0), RrtExplorer()
+    shown = []
+
+    def watch(info):
+        if abs(info["time"] / 0.5 - round(info["time"] / 0.5)) < 1e-6:
+            shown.append(marker_rows(env.unwrapped.markers() or Markers()))
+
+    with EpisodeRecorder(env, explorer) as recorder:
+        run_episode(env, explorer, 0, watch)
+    recording = recorder.recording()
+    assert len(shown) == len(recording.time) == 17
+    replayed = set()
+    for sample, rows in enumerate(shown):
+        replayed ^= set(map(tuple, recording.markers[recording.markers[:, 0] == sample, 1:].tolist()))
+        assert replayed == set(map(tuple, rows.tolist()))
+    cluster, chosen, _, global_tree, local_tree = range(5)
+    counts = {kind: (recording.markers[:, 1] == kind).sum() for kind in range(5)}
+    assert len(recording.markers) == sum(counts.values())
+    assert min(counts.values()) > 0
+    # The global tree only grows; local trees begin anew.
+    assert counts[global_tree] == (shown[-1][:, 0] == global_tree).sum() > 50
+    assert counts[local_tree] > (shown[-1][:, 0] == local_tree).sum()
+    np.testing.assert_allclose(shown[-1][shown[-1][:, 0] == cluster, 1:3], explorer.points, atol=6e-4)
+    np.testing.assert_allclose(shown[-1][shown[-1][:, 0] == chosen, 1:3], explorer.markers.chosen, atol=6e-4)
+    assert len(recording.decision_times) == 0
+    assert "<title>" in build_page([recording])
+
+
+def test_explorers_with_recorded_decisions_have_no_markers():
+    recording, *_ = record(make_env(time_limit=2.0), NearestExplorer())
+    assert len(recording.candidates) > 0
+    assert len(recording.markers) == 0
+
+
+def test_recordings_without_markers_are_read(tmp_path):
+    with np.load(io.BytesIO(synthetic(5.0, has_trees=True).to_bytes())) as archive:
+        arrays = {name: archive[name] for name in archive.files if name != "markers"}
+    np.savez(tmp_path / "older.npz", **arrays)
+    assert Recording.load(tmp_path / "older.npz").markers.shape == (0, 6)
 
 
 def test_decisions_of_the_decision_level_are_recorded_too():
@@ -219,6 +261,9 @@ def changed(name, change):
         (changed("scans", lambda scans: None), "lacks scans"),
         (changed("time", lambda time: time[:-1]), "not (10"),
         (changed("plan_ends", lambda ends: ends + 1), "plan_ends do not match plans"),
+        (changed("markers", lambda markers: np.zeros((1, 5), np.float32)), "markers has shape (1, 5)"),
+        (changed("markers", lambda markers: np.eye(2, 6, dtype=np.float32)), "markers are not sorted by sample"),
+        (changed("markers", lambda markers: np.full((1, 6), np.nan, np.float32)), "markers are not sorted by sample"),
         (changed("poses", lambda poses: poses.astype(float)), "poses is float64"),
         (changed("map_cells", lambda cells: cells + 10**6), "outside of the map"),
         (changed("about", lambda _: np.frombuffer(b'{"format": 7}', np.uint8)), "format 7"),

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.rendering import Renderer, Scene, style
 from lidarnaut.envs.rendering.panels import beam_ends
+from lidarnaut.envs.rendering.picture import Picture
+from lidarnaut.envs.rendering.renderer import SIZE
 from lidarnaut.envs.rendering.view import View
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.slam import Belief, PoseGraphView
@@ -218,3 +221,64 @@ def test_nodes_and_loop_closures_are_drawn_where_there_are_any(renderer):
     assert not left.any()
     assert right.sum() > 50
     assert (np.abs(drawn[108:].astype(int) - style.LOOP).max(axis=2) < 60).any()
+
+
+def in_map_frame(*points):
+    return START.inverse().transform(np.array(points, dtype=float))
+
+
+def test_markers_are_drawn_where_they_are(renderer):
+    scene = make_scene()
+    plain = renderer.draw(scene)
+    branch, local = in_map_frame((2.5, 1.0), (2.5, 5.5)), in_map_frame((4.8, 3.5), (5.6, 3.5))
+    scene.markers = Markers(
+        clusters=in_map_frame((3.0, 5.0)),
+        chosen=in_map_frame((5.5, 5.2)),
+        points=in_map_frame((1.5, 0.5)),
+        trees=[branch[None], local[None], np.empty((0, 2, 2))],
+    )
+    drawn = renderer.draw(scene)
+    truth, belief = panels(drawn)
+    np.testing.assert_array_equal(truth, panels(plain)[0])
+    line = found(belief, style.GLOBAL_TREE)
+    assert np.abs(line[:, 0] - 2.5).max() < 0.06
+    assert (line[:, 1].min(), line[:, 1].max()) == pytest.approx((1.0, 5.5), abs=0.1)
+    orange = found(belief, style.LOCAL_TREE)
+    assert np.hypot(*(orange - (1.5, 0.5)).T).min() < 0.06
+    assert (np.abs(orange - (5.2, 3.5)).max(axis=1) < 0.06).any()
+    assert np.hypot(*(found(belief, style.FRONTIER) - (3.0, 5.0)).T).min() < 0.15
+    assert np.hypot(*(found(belief, style.PLAN) - (5.5, 5.2)).T).min() < 0.05
+    assert np.hypot(*(found(panels(plain)[1], style.PLAN) - (5.5, 5.2)).T).min() > 0.5
+    legend = np.any(drawn != plain, axis=2)[80:104, 648:1264]
+    assert legend.any(axis=0).sum() > 200
+    scene.pose_graph = PoseGraphView(PoseGraph().arrays)  # a second row
+    both = np.any(renderer.draw(scene) != drawn, axis=2)[64:88, 648:1264]
+    assert both.any(axis=0).sum() > 80
+
+
+def test_tested_poses_are_magnified_and_coloured_by_their_cost(renderer):
+    scene, rng = make_scene(), np.random.default_rng(0)
+    away = rng.uniform(-0.01, 0.01, (400, 2))
+    around = START.between(ESTIMATED)
+    costs = np.hypot(*away.T) * 1000
+    scene.tested = np.column_stack([around.x + away[:, 0], around.y + away[:, 1], np.full(400, around.theta), costs])
+    inset = renderer.draw(scene)[116:276, 656:816]
+    gaps = []
+    for colour in style.COSTS:
+        rows, columns = np.nonzero(np.abs(inset.astype(int) - colour).max(axis=2) < 5)
+        gaps.append(np.hypot(rows - 80, columns - 80).mean())
+    assert gaps == sorted(gaps)
+    assert 15 < gaps[0] < gaps[-1] - 20
+    scene.tested = scene.tested[:1]  # a single pose
+    assert (renderer.draw(scene)[116:276, 656:816] == style.COSTS[0]).all(axis=2).any()
+    scene.tested = np.empty((0, 4))  # none since the first scan
+    renderer.draw(scene)
+
+
+def test_a_pixel_of_the_map_panel_is_a_point_of_the_world():
+    picture, view = Picture(SIZE), View(WORLD.bounds, (616, 572))
+    for point in ((0.0, 0.0), (7.5, 1.25), (3.0, 5.9)):
+        pixel = view.pixels(np.array([point]))[0] + (648, 108)
+        assert picture.point_at(WORLD, tuple(np.rint(pixel).astype(int))) == pytest.approx(point, abs=0.01)
+    np.testing.assert_allclose(view.points(view.pixels(np.array([(1.0, 2.0), (-3.0, 4.0)]))), [(1, 2), (-3, 4)])
+    assert picture.point_at(WORLD, (300, 400))[0] < WORLD.bounds[0] - 1.0, "the other panel is outside of the world"

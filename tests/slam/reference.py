@@ -18,7 +18,7 @@ def random_scan(rng):
 
 
 def beams(ranges, pose, lidar, side, skip_exceeding):
-    """Yield the first and the last cell (row, column) of each beam, and True for a hit."""
+    """Yield first and last cell (row, column), True for a hit, and start and end (x, y) in cells of each beam."""
     base = pose.compose(type(pose)(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
     for r, angle in zip(ranges.tolist(), lidar.angles):
         if math.isnan(r) or (r >= lidar.range_max and skip_exceeding):
@@ -26,7 +26,28 @@ def beams(ranges, pose, lidar, side, skip_exceeding):
         reach = min(r, lidar.range_max)
         end = base.x + reach * math.cos(base.theta + angle), base.y + reach * math.sin(base.theta + angle)
         first, last = ((math.floor(y / side), math.floor(x / side)) for x, y in ((base.x, base.y), end))
-        yield first, last, r < lidar.range_max
+        yield first, last, r < lidar.range_max, ((base.x / side, base.y / side), (end[0] / side, end[1] / side))
+
+
+def area_ahead(cell, point, direction):
+    """Return the area of a unit cell (row, column) ahead of a line through a point, normal to a direction (x, y).
+
+    0.5 if the line misses the cell. The cell is clipped as a polygon (Sutherland and Hodgman, 1974).
+    """
+    row, col = cell
+    corners = [(col, row), (col + 1, row), (col + 1, row + 1), (col, row + 1)]
+    ahead = [(x - point[0]) * direction[0] + (y - point[1]) * direction[1] for x, y in corners]
+    kept = []
+    for k in range(4):
+        (x, y), (next_x, next_y), here, there = corners[k], corners[k - 3], ahead[k], ahead[k - 3]
+        if here >= 0.0:
+            kept.append((x, y))
+        if here * there < 0.0:
+            part = here / (here - there)
+            kept.append((x + part * (next_x - x), y + part * (next_y - y)))
+    if min(ahead) >= 0.0 or max(ahead) <= 0.0:
+        return 0.5
+    return 0.5 * abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(kept, [*kept[1:], kept[0]])))
 
 
 def line(first, last):
@@ -53,21 +74,31 @@ class ReferenceMap:
         self.cells = {}
 
     def draw(self, ranges, pose, quality):
-        for first, last, hit in beams(ranges, pose, self.lidar, self.params.resolution, self.params.skip_exceeding):
-            self._draw_beam(first, last, hit, quality)
+        for beam in beams(ranges, pose, self.lidar, self.params.resolution, self.params.skip_exceeding):
+            self._draw_beam(*beam, quality)
 
-    def _draw_beam(self, first, last, hit, quality):
-        params = self.params
+    def _draw_beam(self, first, last, hit, ends, quality):
+        params, (start, end) = self.params, ends
+        along = end[0] - start[0], end[1] - start[1]
+        hit_prob, by_area = params.occupied_prob, params.occupancy_estimator == "area"
+        if by_area:
+            hit_prob = area_ahead(last, end, along)
         hole = params.hole_width / params.resolution
         blurred = hit and hole**2 < (first[0] - last[0]) ** 2 + (first[1] - last[1]) ** 2
         for cell in line(first, last):
-            prob = params.occupied_prob if hit and cell == last else params.empty_prob
+            is_end, weight = hit and cell == last, quality
+            prob = hit_prob if is_end else params.empty_prob
             square = (cell[0] - last[0]) ** 2 + (cell[1] - last[1]) ** 2
             if blurred and 0 < square < hole**2:
-                ramp = (1.0 - square / hole**2) * params.occupied_prob
+                ramp = (1.0 - square / hole**2) * hit_prob
                 prob = min(prob + ramp, 1.0) if params.blur == "add" else ramp
             value, count = self.cells.get(cell, (0.5, 0))
-            self.cells[cell] = (value * count + 0.5 + (prob - 0.5) * quality) / (count + 1), count + 1
+            if by_area and not is_end:
+                area = area_ahead(cell, start, (-along[1], along[0]))
+                weight *= min(area, 1.0 - area)
+            mean = (value * count + 0.5 + (prob - 0.5) * weight) / (count + 1)
+            base = (1.0 - weight) * value + weight * prob
+            self.cells[cell] = (base if params.cell_type == "base" else mean), count + 1
 
 
 def cost(values, points, x, y, theta, unvisited):

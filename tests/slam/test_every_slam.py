@@ -7,8 +7,9 @@ from lidarnaut.benchmarks.drives.recording import make_setup, record_drive
 from lidarnaut.benchmarks.drives.slams import measure_drive
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.robots import OdometryNoise, load_robot
 from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.slam import (
     PRESETS,
     SLAM_NAMES,
@@ -18,7 +19,7 @@ from lidarnaut.envs.slam import (
     load_params,
     make_slam,
 )
-from lidarnaut.envs.tasks.explore import ExploreTeam
+from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from lidarnaut.envs.worlds import load_world
 from tests.slam.rooms import BY_WHEELS, CIRCLE, CORRIDOR, LIDAR, STAY, WHEELS, drive, follow, make_small, see
 
@@ -47,6 +48,66 @@ def test_odometry_that_errs_is_corrected(slam, off):
 def test_without_odometry_every_scan_is_matched_to_the_last_pose():
     truth, estimated = drive(make_small("hector", "faithful"), CIRCLE, [Pose2D(9.0, 9.0, 1.0)] * 400)
     np.testing.assert_allclose(estimated, truth, atol=0.03)
+
+
+FIRM = OdometryNoise(0.001, 0.005, 0.001, 0.001, 0.001)
+
+
+@pytest.mark.parametrize("name", ["tinyslam", "hector", "graph", "gmapping"])
+def test_wheels_that_spin_in_contact_do_not_move_the_pose(name):
+    def push(*, bumper):
+        slam, rng = make_slam(name, LIDAR, odometry_noise=FIRM), np.random.default_rng(0)
+        slam.update(see(STAY, rng), STAY)
+        for _ in range(100):
+            slam.update(see(STAY, rng)._replace(bumper=bumper), Pose2D(0.02, 0.0, 0.0))
+        return slam.belief.pose.x
+
+    assert abs(push(bumper=True)) < 0.25  # odometry since the last key scan
+    assert push(bumper=False) > 0.9
+
+
+@pytest.mark.parametrize("name", ["hector", "graph", "gmapping"])
+def test_observers_of_every_matcher_see_tested_poses_and_the_result(name):
+    class Witness:
+        def __getattr__(self, event):
+            return lambda *said: heard.append((event, *said))
+
+    heard, moved, odometry = [], Pose2D(0.3, 0.02, 0.02), Pose2D(0.32, 0.0, 0.0)
+    watched, unwatched = make_slam(name, LIDAR, odometry_noise=WHEELS), make_slam(name, LIDAR, odometry_noise=WHEELS)
+    watched.observers = (Witness(),)
+    for slam in (unwatched, watched):
+        slam.reset(np.random.default_rng(1))
+        slam.update(see(STAY), STAY)
+        slam.update(see(moved), odometry)
+        heard.clear()
+        slam.update(see(moved.compose(moved)), odometry)
+    assert watched.belief.pose == unwatched.belief.pose
+    np.testing.assert_array_equal(watched.belief.covariance, unwatched.belief.covariance)
+    (start, predicted), *tested, (end, result, cost) = heard
+    assert (start, end) == ("on_matching_start", "on_matching_end")
+    np.testing.assert_allclose(predicted, moved.compose(odometry), atol=0.03)
+    assert len({said[1] for said in tested}) >= 3
+    np.testing.assert_allclose(result, watched.belief.pose, atol=1e-9)
+    assert cost < 0.5 * LIDAR.num_beams
+    assert ("on_scan_test", result, cost) in tested
+
+
+def test_kernels_report_the_odometry_in_contact_to_the_slam():
+    def slips(physics):
+        env = LidarEnv(Explore, world="turtlebot3_stage_1", robot="turtlebot3_burger", physics=physics, slam="tinyslam")
+        env.reset(seed=0, options={"start": (1.7, 0.0, 0.0)})
+        slam, found = env.robots[0].estimator, []
+        match = slam._match
+        slam._match = lambda *scan: (found.append(slam.slip), match(*scan))[1]
+        for _ in range(60):
+            env.step(np.array([1.0, 0.0], dtype=np.float32))
+        assert env.robots[0].bumper
+        assert env.unwrapped.rows.numbers[0, at.SLIP] < 0.23
+        env.close()
+        return found
+
+    for physics in ("bullet", "kinematic"):
+        assert max(slips(physics)) == pytest.approx(0.2, abs=0.03)
 
 
 @pytest.mark.parametrize(("name", "off"), [("tinyslam", 0.02), ("hector", 0.0)])

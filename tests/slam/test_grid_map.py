@@ -7,7 +7,7 @@ import pytest
 from lidarnaut.envs.geometry import UNKNOWN, Pose2D
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam import TinySlamParams
-from lidarnaut.envs.slam.grid_map import FULL_OCCUPANCY, MAX_COUNT, GridMap, observe, probabilities
+from lidarnaut.envs.slam.grid_map import FULL_OCCUPANCY, MAX_COUNT, GridMap, observe, probabilities, smaller_part
 from lidarnaut.envs.slam.growing_map import MAX_CELLS
 
 from .reference import LIDAR, ReferenceMap, random_scan
@@ -41,6 +41,9 @@ def test_no_return_clears_up_to_the_range_unless_skipped():
         {"blur": "add", "hole_width": 0.31, "occupied_prob": 0.99, "empty_prob": 0.2},
         {"quality": 0.3, "skip_exceeding": True},
         {"hole_width": 0.0},
+        {"occupancy_estimator": "area"},
+        {"cell_type": "base", "quality": 0.2},
+        {"occupancy_estimator": "area", "cell_type": "base", "blur": "add", "empty_prob": 0.2, "hole_width": 0.31},
     ],
     ids=str,
 )
@@ -71,6 +74,19 @@ def test_map_matches_the_slow_reference(changes):
     percent = np.full(values.shape, UNKNOWN)
     percent[rows, cols] = np.floor(100.0 * values[rows, cols] + 0.5)
     np.testing.assert_array_equal(grid_map.grid.data, percent)
+
+
+def test_area_estimator_follows_the_report_in_cells_worked_by_hand():
+    params = dataclasses.replace(SMALL, occupancy_estimator="area")
+    through_the_middle = draw(params, [(2.0, 0.0)], 0.8)
+    np.testing.assert_allclose(probabilities(through_the_middle.words)[2], [0.5, 0.5, 0.304, 0.304, 0.5], atol=1e-5)
+    near_the_wall = draw(params, [(1.75, 0.0)])
+    assert probabilities(near_the_wall.words)[2, 4] == pytest.approx(0.75, abs=1e-5)
+    # A triangle with legs of 0.25 and 0.5 along the sides of the cell, and a trapezoid.
+    slope = math.atan2(0.5, -0.25)
+    assert smaller_part(2.0 / math.sqrt(20.0), math.cos(slope), math.sin(slope)) == pytest.approx(0.5 * 0.25 * 0.5)
+    assert smaller_part(0.3, 0.0, -1.0) == pytest.approx(0.2)
+    assert smaller_part(0.8, math.cos(slope), math.sin(slope)) == 0.5  # missed
 
 
 def test_counting_saturates_and_the_mean_stays_within_its_grain():

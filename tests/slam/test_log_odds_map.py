@@ -59,7 +59,7 @@ def test_every_level_matches_the_slow_reference(skip_exceeding):
 def observe(cells, scan, bound):
     """Add a scan to log odds by (row, column): once for each cell, hits first."""
     hits, passed = set(), set()
-    for first, last, hit in scan:
+    for first, last, hit, _ in scan:
         passed |= set(line(first, last))
         if hit:
             hits.add(last)

@@ -7,7 +7,7 @@ import numpy as np
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import OdometryNoise
 from lidarnaut.envs.simulation import Reading
-from lidarnaut.envs.slam import TinySlam, load_params, make_slam
+from lidarnaut.envs.slam import MatcherTrace, TinySlam, load_params, make_slam
 
 from .rooms import LIDAR, STAY, see
 
@@ -64,7 +64,8 @@ def test_observers_see_the_search_and_change_nothing():
     heard = []
     events = ("on_matching_start", "on_scan_test", "on_pose_update", "on_matching_end")
     witness = SimpleNamespace(**{name: lambda *said, name=name: heard.append((name, *said)) for name in events})
-    watched, unwatched = TinySlam(LIDAR, params, [witness]), TinySlam(LIDAR, params)
+    trace = MatcherTrace()
+    watched, unwatched = TinySlam(LIDAR, params, [witness, trace]), TinySlam(LIDAR, params)
     moved = Pose2D(0.15, 0.06, 0.05)
     for slam in (watched, unwatched):
         slam.reset(np.random.default_rng(1))
@@ -79,6 +80,9 @@ def test_observers_see_the_search_and_change_nothing():
     assert [cost for _, cost in updates] == sorted((cost for _, cost in updates), reverse=True)
     assert heard[-1] == (events[3], *updates[-1])
     assert heard[-1][1] == watched.belief.pose
+    assert trace.tested == [(*said[0], said[1]) for name, *said in heard if name == events[1]]
+    watched.update(see(moved), STAY)
+    assert trace.tested[0][:3] == tuple(heard[-1][1])
 
 
 def test_presets_hold_the_documented_numbers():

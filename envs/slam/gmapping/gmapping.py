@@ -8,6 +8,7 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
 from ..key_scans import Anchor, KeyScanSlam
+from ..matcher import notify
 from ..matching.correlative import CorrelativeWindow, search_window
 from ..matching.covariance import motion_stds, position_std
 from ..matching.fields import LEAST_MAP_SHARE, fits_map
@@ -135,12 +136,12 @@ class GMapping(KeyScanSlam):
         return Pose2D(*best.tolist()), 1.0 if fallback_pose is None else None
 
     def _propose(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        params, resolution = self.params, self.params.resolution
+        params, resolution, matcher = self.params, self.params.resolution, self._matcher.in_contact(self.slip)
         travelled = distance(motion.x, motion.y)
-        stds = motion_stds(self._matcher.odometry_noise, travelled, motion.theta)
+        stds = motion_stds(matcher.odometry_noise, travelled, motion.theta)
         num_points = project_hits(ranges, self.map.geometry, self._points)
         start = motion
-        is_far = travelled > self._matcher.search_distance or abs(motion.theta) > self._matcher.search_angle
+        is_far = travelled > matcher.search_distance or abs(motion.theta) > matcher.search_angle
         if num_points and is_far:
             in_cells = (stds[0] / resolution, stds[1])
             window = CorrelativeWindow(WINDOW_STDS * in_cells[0], WINDOW_STDS * in_cells[1], *in_cells, 50)
@@ -160,6 +161,11 @@ class GMapping(KeyScanSlam):
             propose(self.map.maps, self.poses, tuple(motion), tuple(start), wide, *over, self._retried)
             take_better(found, self._retried, params.retry_gain * num_points)
         self._fits = found.fits
+        if self.observers:
+            costs = num_points - found.num_known * found.known_scores
+            tested = [(Pose2D(*mode), cost) for mode, cost in zip(found.modes.tolist(), costs.tolist())]
+            predicted = Pose2D(*self.poses[self.best].tolist()).compose(motion)
+            notify(self.observers, predicted, tested, tested[self.best])
         return fits_map(self.map.grid, self._points[:, :num_points], found.modes[self.best].tolist(), LEAST_MAP_SHARE)
 
     def _draw(self) -> None:

@@ -115,7 +115,7 @@ class GraphSlam(Hector):
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         before = self._last_matched_pose() or self._correction
-        fits = self.local.match(ranges, before.between(predicted))
+        fits = self.local.match(ranges, before.between(predicted), self.slip)
         if self.last_key_pose is None:
             return predicted, 1.0
         by_local_slam = self._correction.compose(self.local.pose)

@@ -42,12 +42,13 @@ class LocalSlam:
         self._maps: dict[int, LogOddsMap] = {}
         self._covariances: dict[int, np.ndarray] = {}
 
-    def match(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
+    def match(self, ranges: np.ndarray, motion: Pose2D, slip: float = 0.0) -> bool | None:
         """Match a scan, shape (num_beams,), float32 [m], to the oldest unfinished submap; return whether the scan fits.
 
-        `motion`: odometry since the last matched scan. The result is None if too few cells are known.
+        `motion`: odometry since the last matched scan; `slip`: its part in contact [m]. The result is None if too few
+        cells are known.
         """
-        before = self.pose
+        before, matcher = self.pose, self._matcher.in_contact(slip)
         self.pose = predicted = before.compose(motion)
         self.travelled += distance(motion.x, motion.y)
         if not self.active:
@@ -56,9 +57,9 @@ class LocalSlam:
         submap, origin = self._maps[first], self._nodes.submap_pose(first)
         over = (submap.geometry, submap.levels, submap.corner)
         poses = (tuple(origin.between(before)), tuple(origin.between(predicted)))
-        match = match_to_levels(ranges, *over, *poses, self._matcher, self._covariances[first], self._points)
+        match = match_to_levels(ranges, *over, *poses, matcher, self._covariances[first], self._points)
         dx, dy, turn = predicted.x - before.x, predicted.y - before.y, wrap_angle(predicted.theta - before.theta)
-        stds = motion_stds(self._matcher.odometry_noise, distance(dx, dy), turn)
+        stds = motion_stds(matcher.odometry_noise, distance(dx, dy), turn)
         for other in self.active[1:]:
             # Same correction as the matcher's for the first submap.
             covariance = self._covariances[other]

@@ -8,6 +8,8 @@ from lidarnaut.envs.robots import OdometryNoise
 
 NOISE_PER_HIT = 0.02
 """Part of the scan-matching Hessian due to noise in map cells, per scan point [1/cells^2]; subtracted."""
+SLIP_FACTOR = 20.0
+"""Heading noise per metre of odometry in contact, divided by the noise without contact."""
 
 
 class NoiseRecord(NamedTuple):
@@ -22,6 +24,11 @@ class NoiseRecord(NamedTuple):
     @classmethod
     def of(cls, noise: OdometryNoise) -> Self:
         return cls(*(float(getattr(noise, field)) for field in cls._fields))
+
+    def in_contact(self, slip: float) -> Self:
+        """Return the noise model for motion that includes `slip` [m] of odometry in contact, where wheels may spin."""
+        heading_std = self.heading_std + SLIP_FACTOR * self.heading_per_metre * slip
+        return self._replace(position_std=self.position_std + slip, heading_std=heading_std)
 
 
 @njit(cache=True, error_model="numpy")

@@ -41,6 +41,12 @@ class MatcherParams(NamedTuple):
         numbers: list[Any] = [math.inf if value is None else value for value in values]
         return cls(NoiseRecord.of(params.odometry_noise), *numbers)
 
+    def in_contact(self, slip: float) -> Self:
+        """Return parameters with more noise and an exhaustive search for odometry with `slip` [m] in contact."""
+        if slip == 0.0 or not self.uses_odometry:
+            return self
+        return self._replace(odometry_noise=self.odometry_noise.in_contact(slip), search_distance=-1.0)
+
 
 class Match(NamedTuple):
     """Result of matching a scan to a map."""

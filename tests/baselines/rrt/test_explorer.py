@@ -98,6 +98,36 @@ def test_the_local_tree_starts_again_at_the_robot_after_a_find():
     assert local.vertices[:, 0].max() < 4.0
 
 
+def grown_slowly(data, samples, eta, spacing, root):
+    """Grow a tree in Python that remembers parents (Nguyen et al. 2022, algorithm 2.1); cells, without resets."""
+    vertices, parents = [np.array(root)], []
+    for sample in samples:
+        gaps = np.hypot(*(np.array(vertices) - sample).T)
+        parent = int(gaps.argmin())
+        start, length = vertices[parent], gaps[parent]
+        end = sample if length <= eta else start + (sample - start) * eta / length
+        if grid_check(data, *start, *end)[0] == CLEAR and np.hypot(*(end - start)) >= spacing:
+            vertices.append(end)
+            parents.append(parent)
+    return np.array(vertices), parents
+
+
+@pytest.mark.parametrize("eta", [0.8, 15.0])
+def test_edges_lead_from_the_vertices_that_were_extended(eta):
+    grid, samples = rooms(), np.random.default_rng(3).uniform((-1.0, -2.6), (11.0, 2.6), (600, 2))
+    tree = Tree((0.5, 0.5), eta=eta, spacing=0.3, resets=False)
+    tree.grow(grid, samples, (0.0, 0.0))
+    cells = (samples - grid.origin) / 0.05
+    vertices, parents = grown_slowly(
+        grid.data, cells, eta / 0.05, 0.3 / 0.05, np.subtract((0.5, 0.5), grid.origin) / 0.05
+    )
+    expected = np.stack([vertices[parents], vertices[1:]], axis=1) * 0.05 + grid.origin
+    assert len(expected) > 60
+    assert len(set(parents)) > 20
+    np.testing.assert_allclose(tree.edges, expected, atol=1e-4)
+    assert Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=False).edges.shape == (0, 2, 2)
+
+
 def test_a_tree_stays_where_it_is_when_the_map_grows():
     grid, tree = rooms(), Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=False)
     grown(tree, grid, 3)
