@@ -112,7 +112,7 @@ class Sweep(KnownMapTask):
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
         walls, radius, (self._one,), self._pose = self.area.walls, self.robot.radius, robots, self.starts[0]
-        self._frame = Frame(*map(float, (*walls.origin, walls.resolution)))
+        self._raster = Frame(*map(float, (*walls.origin, walls.resolution)))
         away = ndimage.distance_transform_edt(~self.area.traversable) * walls.resolution
         self.unswept = away <= radius
         """True floor cells to sweep, shape of the raster, bool."""
@@ -129,7 +129,7 @@ class Sweep(KnownMapTask):
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         before, self._pose = self._pose, simulator.states[0].pose
         line = np.array([[*before[:2], *self._pose[:2]]])
-        swept = sweep(self.unswept, self._frame, line, self.robot.radius) * self._frame.resolution**2
+        swept = sweep(self.unswept, self._raster, line, self.robot.radius) * self._raster.resolution**2
         self.swept_area += swept
         self.end_reason = "swept" if self.swept_fraction >= self.target_swept - 1e-9 else None
         done, contact = float(self.end_reason is not None), period * robots[0].bumper
