@@ -9,7 +9,7 @@ import gymnasium
 from gymnasium import spaces
 
 from lidarnaut.envs.files import resolve
-from lidarnaut.envs.navigation import GoalNavigator, GoalParams
+from lidarnaut.envs.navigation import DockNavigator, GoalNavigator, GoalParams
 
 from .frontier.pursuit_explorer import PursuitExplorer
 from .frontier.rule_explorer import RuleExplorer
@@ -31,6 +31,7 @@ from .policy import Explorer, OnePerRobot, Policy, PrivilegedPolicy
 from .reactive import RandomChooser, RandomExplorer, RouteFollower, WallFollower
 from .rrt.detector import RrtParams
 from .rrt.team import RrtExplorer, RrtTeam
+from .sweep import Bouncer, SweepNavigator, boustrophedon, spiral
 from .teams.assignment import Auction, MinMaxTours
 from .teams.team import TeamExplorer
 
@@ -69,10 +70,16 @@ DRIVES = {
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
     "goal": DRIVES,
+    "charge": {"dock": partial(DockNavigator, replace(_PATIENT, search_radius=0.0))},
+    "swept_fraction": {
+        "boustrophedon": partial(SweepNavigator, boustrophedon),
+        "spiral": partial(SweepNavigator, spiral),
+        "bounce": Bouncer,
+    },
     "route": {"route_follower": RouteFollower},
 }
-"""Constructors of single-robot policies by name, grouped by the attribute that a task must have: `coverage`, `goal` or
-`route`."""
+"""Constructors of single-robot policies by name, grouped by the attribute that a task must have: `coverage`, `goal`,
+`charge`, `swept_fraction` or `route`."""
 TEAMS: Mapping[str, Makers] = {
     "coverage": {
         "rrt_team": RrtTeam,

@@ -197,10 +197,11 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
         hint = f"; OnePerRobot({name}()) drives each robot of a team separately" if is_team else ""
         raise ValueError(f"{name} drives {'one robot' if is_team else 'teams'}, but not {inner.action_space}{hint}")
     goal, tell = None, getattr(inner.task, "tell_goal", lambda _: inner.task.goal)
+    takes_goals = hasattr(policy, "set_goal") and hasattr(inner.task, "goal")
 
     def act(_: Observation) -> np.ndarray:
         nonlocal goal
-        if hasattr(policy, "set_goal") and goal is not (told := tell(inner.belief.pose)):
+        if takes_goals and goal is not (told := tell(inner.belief.pose)):
             goal = told
             if hasattr(policy, "set_tolerances") and hasattr(inner.task, "heading_tolerance"):
                 policy.set_tolerances(inner.task.goal_tolerance, inner.task.heading_tolerance)

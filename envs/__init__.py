@@ -6,6 +6,7 @@ import gymnasium
 
 LIDAR_ENV = "lidarnaut.envs.core:LidarEnv"
 _REACH = "lidarnaut.envs.tasks.reach_goal:ReachGoal"
+_DOCK, _SWEEP = "lidarnaut.envs.tasks.dock:Dock", "lidarnaut.envs.tasks.sweep:Sweep"
 _EXPLORE = "lidarnaut.envs.tasks.explore:Explore"
 _FROM_SPAWN = {"robot": "jackal", "start": "spawn", "goal": "world"}
 ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -25,6 +26,8 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
         {},
     ),
     "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.navigate:Navigate"}),
+    "lidarnaut/Dock-v0": (LIDAR_ENV, {"task": _DOCK, "world": "tugbot_warehouse", "robot": "tugbot"}),
+    "lidarnaut/Sweep-v0": (LIDAR_ENV, {"task": _SWEEP, "world": "aws_small_house", "robot": "create3"}),
     "lidarnaut/ReachGoal-v0": (LIDAR_ENV, {"task": _REACH}),
     "lidarnaut/ReachClutter-v0": (
         LIDAR_ENV,

@@ -195,6 +195,15 @@ GOAL = (
 """Measures of navigation to a goal; `info` must contain `geodesic_distance` to the goal [m]."""
 
 
+DOCK = (
+    *GOAL,
+    Measure("distance_to_goal", "offset", "cm", False, scale=100.0),
+    Measure("heading_error", "offset of the heading", "deg", False, digits=2, scale=math.degrees(1.0)),
+    Measure("charge", "charge", "%", True, scale=100.0),
+)
+"""Measures of docking: those of goals, final offsets from the docked pose, and charge of the battery."""
+
+
 def sct(history: EpisodeHistory) -> float:
     """Return success weighted by completion time (SCT): 0 on failure, else ideal / actual time.
 
@@ -221,6 +230,16 @@ REACH = (
     Measure("jerk", "jerk", "m/s³", False),
 )
 """Measures of goal reaching: success, path and time efficiency, BARN metric and jerk."""
+
+
+_swept = partial(mean_over_limit, name="swept_fraction")
+_swept_90 = partial(when, name="swept_fraction", mark=0.9)
+SWEEP = (
+    Measure("swept_fraction", "swept", "%", True, scale=100.0),
+    Measure("time_to_90", "time to 90 %", "s", False, _swept_90, 0, limit="time_limit"),
+    Measure("area_under_curve", "area under curve", "%", True, _swept, scale=100.0, is_headline=True),
+)
+"""Measures of sweeping: swept fraction of the floor, and its increase over time."""
 
 
 PEOPLE = (

@@ -16,7 +16,7 @@ def compile_kernels() -> None:
     """Run the first seconds of episodes with all environments, SLAMs and explorers."""
     explore = "lidarnaut/Explore-v0"
     kinematic: dict[str, Any] = {"physics": "kinematic"}
-    others = ("ExploreFrontiers", "ExploreTeam", "Navigate", "ReachCrowd", "Track")
+    others = ("ExploreFrontiers", "ExploreTeam", "Navigate", "ReachCrowd", "Sweep", "Track")
     ids = [explore, *(f"lidarnaut/{name}-v0" for name in others)]
     physics = ["kinematic", *(["bullet"] if importlib.util.find_spec("pybullet") else [])]
     cases: list[tuple[Any, str, Any]] = [(gymnasium.make, id, {"physics": name}) for name in physics for id in ids]

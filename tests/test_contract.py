@@ -28,6 +28,8 @@ TASKS = {
     "ExploreFrontiers": {**ROOMS, "world_size": (10.0, 10.0)},
     "ExploreTeamFrontiers": {**ROOMS, "world_size": (10.0, 10.0), "num_robots": 3},
     "Navigate": {"world": "turtlebot3_world", "physics": "kinematic"},
+    "Dock": {"start": (13.0, -10.3, 0.5), "physics": "kinematic"},
+    "Sweep": {"world": "turtlebot3_world", "robot": "turtlebot3_burger", "physics": "kinematic"},
     "ReachGoal": {"world": "turtlebot3_world", "physics": "kinematic", "contact": "costs"},
     "ReachCrowd": {"physics": "kinematic", "contact": "costs", "people": (3, 6)},
     "Track": {
@@ -144,6 +146,9 @@ INFO_KEYS = {
     "ExploreFrontiers": EXPLORED | DECISION,
     "ExploreTeamFrontiers": EXPLORED | DECISION | {"robot"},
     "Navigate": MOTION | {"distance_to_goal", "geodesic_distance", "progress", "is_lost"},
+    "Dock": MOTION
+    | {"distance_to_goal", "geodesic_distance", "progress", "is_lost", "heading_error", "charge", "is_docked"},
+    "Sweep": MOTION | {"swept_fraction", "swept_area", "is_lost"},
     "ReachGoal": MOTION | {"distance_to_goal", "geodesic_distance", "progress"},
     "ReachCrowd": MOTION | {"distance_to_goal", "geodesic_distance", "progress"},
     "Track": MOTION | {"deviation", "progress", "is_lost"},
@@ -173,6 +178,8 @@ def test_info_has_every_key_rewards_sum_up_and_time_runs_out(task):
     [
         ("Explore", "explored", "explored_area", 1),
         ("Navigate", "progress", "geodesic_distance", -1),
+        ("Dock", "progress", "geodesic_distance", -1),
+        ("Sweep", "swept", "swept_area", 1),
         ("ReachGoal", "progress", "geodesic_distance", -1),
     ],
 )
@@ -193,6 +200,7 @@ NEAR = {"localizer": "truth", "start": (-2.0, -0.5, 0.0), "goal": (-1.4, -0.5, 0
         ("Explore", {"target_coverage": 0.05}, STILL, "covered", "completed"),
         ("ExploreFrontiers", {"target_coverage": 0.5}, 0, "covered", "completed"),
         ("Navigate", NEAR, AHEAD, "reached", "reached"),
+        ("Sweep", {"target_swept": 0.01, "start": (-2.0, -0.5, 0.0)}, AHEAD, "swept", "completed"),
         ("ReachGoal", {"start": (-2.0, -0.5, 0.0), "goal": (0.6, 0.0, 0.0)}, AHEAD, "reached", "reached"),
     ],
 )
@@ -266,6 +274,10 @@ BAD_ARGUMENTS = [
     ("Navigate", {"goal": np.zeros((3, 3))}, "goal must be"),
     ("Navigate", {"map_pose": (0.0, 0.0)}, "map_pose"),
     ("Navigate", {"map": "nowhere.yaml"}, "nowhere.yaml"),
+    ("Dock", {"start_charge": (0.0, 0.5)}, r"start_charge must be \(low, high\)"),
+    ("Dock", {"start_charge": 0.5}, "start_charge"),
+    ("Dock", {"target_charge": 1.5}, "target_charge must lie in"),
+    ("Sweep", {"target_swept": 0.0}, "target_swept must lie in"),
     ("ReachGoal", {"goal": "home"}, "goal must be 'random', 'world' or"),
     ("ReachGoal", {"goal_given": "distance"}, "goal_given must be 'pose' or 'bearing'"),
     ("ReachGoal", {"contact": "hurts"}, "contact must be 'ends' or 'costs'"),

@@ -17,7 +17,13 @@ from tests.test_contract import TASKS
 
 pytestmark = pytest.mark.usefixtures("no_curves")
 
-CLASSIC = {"Navigate": "pursuit", "Track": "route_follower", "ExploreTeam": "rrt_team"}
+CLASSIC = {
+    "Navigate": "pursuit",
+    "Dock": "dock",
+    "Sweep": "spiral",
+    "Track": "route_follower",
+    "ExploreTeam": "rrt_team",
+}
 """Classic policy by id; explorations have `nearest`, goals in unknown worlds `pursuit`."""
 
 

@@ -92,6 +92,8 @@ CASES = {
     "team": ("ExploreTeam", {**QUICK, "num_robots": 2}),
     "team frontiers": ("ExploreTeamFrontiers", {**QUICK, "time_limit": 8.0, "num_robots": 2}),
     "navigate": ("Navigate", QUICK),
+    "dock": ("Dock", {"start": (13.0, -10.3, 0.5), "time_limit": 1.5}),
+    "sweep": ("Sweep", QUICK),
     "reach": ("ReachGoal", QUICK),
     "reach, costs": ("ReachGoal", {**QUICK, "contact": "costs", "robot": "jackal", "reward": {"progress": 2.0}}),
     "reach, people": ("ReachGoal", {**QUICK, "world_size": (9.0, 9.0), "people": (2, 4), "time_limit": 6.0}),

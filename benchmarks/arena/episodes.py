@@ -13,7 +13,7 @@ from lidarnaut.benchmarks.arena.policies import is_bound
 from lidarnaut.benchmarks.arena.statistics import Estimate, estimate, gap_closed, success_rate
 from lidarnaut.envs.measures import Measure
 
-REFERENCES = ("nearest", "frontier", "pursuit", "rrt_team", "route_follower")
+REFERENCES = ("dock", "boustrophedon", "nearest", "frontier", "pursuit", "rrt_team", "route_follower")
 """Names of policies that serve as the reference of comparisons, in order of preference; otherwise, the first policy."""
 
 Case = tuple[str, ...]

@@ -38,7 +38,7 @@ environment with seed + i. The films show ground truth on the left, and map and 
 SECTIONS = {
     "^explore$": "Explore",
     "^explore": "Explore as a team, or by choosing frontiers",
-    "": "Reach goals, follow routes",
+    "": "Reach goals, dock, sweep, follow routes",
 }
 """Section titles of the gallery by pattern of page names; the first match applies."""
 WORLDS = {

@@ -12,6 +12,7 @@ from .costmap import (
     crop_to_known,
     make_costmap,
 )
+from .docking import DockNavigator
 from .dwb import DwbPlanner
 from .frontier_navigator import FrontierNavigator
 from .frontiers import frontier_mask
@@ -39,6 +40,7 @@ __all__ = [
     "Costmap",
     "CostmapParams",
     "DwbParams",
+    "DockNavigator",
     "DwbPlanner",
     "FollowerParams",
     "FrontierNavigator",

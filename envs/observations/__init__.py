@@ -9,7 +9,7 @@ from lidarnaut.envs.task import ObservationPart
 
 from .maps import MapCrop
 from .plan import Plan
-from .positions import Goal, Home, NearGoal, Peers, PoseUncertainty, RouteAhead, Tracks
+from .positions import Battery, Goal, Home, NearGoal, Peers, PoseUncertainty, RouteAhead, Tracks
 from .scan import Limits, Motion, Scan
 from .scan_history import ScanHistory
 from .trajectories import Trajectories
@@ -69,6 +69,7 @@ __all__ = [
     "FAR_PIXEL",
     "NEAR_PIXEL",
     "PARTS",
+    "Battery",
     "Goal",
     "Home",
     "Limits",

@@ -118,6 +118,19 @@ class PoseUncertainty:
         out[:] = min(math.hypot(x, y), 1.0), min(theta / math.pi, 1.0), robot.belief.is_lost
 
 
+class Battery:
+    """Observation of the battery: `Box(0, 1, (2,), float32)`. Charge (1 is full), and 1 while charging, else 0."""
+
+    def __init__(self, task: Any) -> None:
+        self._task = task
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        return spaces.Box(0.0, 1.0, (2,), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        out[:] = self._task.charge, self._task.is_docked
+
+
 class Peers:
     """Observation of teammates relative to the robot: `Box(-1, 1, (4 * num_peers,), float32)`.
 

@@ -232,6 +232,20 @@ class ImuParams:
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
+class BatteryParams:
+    """Parameters of the battery, for docking tasks; the defaults are those of a Tugbot."""
+
+    capacity: Positive = 29.5
+    """Energy of the full battery [W h]."""
+    idle_power: NotNegative = 6.5
+    """Power of computer and sensors [W]."""
+    energy_per_metre: NotNegative = 15.0
+    """Energy of the motors per driven metre [J/m]."""
+    charging_power: Positive = 9.8
+    """Power of the charging station [W]."""
+
+
+@dataclass(frozen=True, slots=True, config=CONFIG)
 class RobotParams:
     """Parameters of a differential-drive robot."""
 
@@ -255,5 +269,6 @@ class RobotParams:
     lidar: LidarParams
     casters: tuple[Caster, ...] = ()
     imu: ImuParams = ImuParams()
+    battery: BatteryParams = BatteryParams()
     source: str = ""
     """Sources of the parameter values."""

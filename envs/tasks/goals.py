@@ -52,7 +52,7 @@ class GoalTask(WorldTask):
         (self._one,), self._rows, self._true_pose = robots, simulator.rows, self.starts[0]
         goal = self._read_goal(options.get("goal", self._goal))
         if goal == "random":
-            goal = self.map_pose.between(draw_goal(self.area, self._true_pose, rng, self.min_distance))
+            goal = self.map_pose.between(self._draw_goal(rng))
         elif goal == "world":
             goals, spawns = self._world.goals, self._world.spawns
             if not goals:
@@ -75,6 +75,9 @@ class GoalTask(WorldTask):
             raise ValueError(f"goal {tuple(goal)} (map frame) is not reachable by the robot")
         self.goal, self._true_goal = read, true_goal
         return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
+
+    def _draw_goal(self, rng: np.random.Generator) -> Pose2D:
+        return draw_goal(self.area, self._true_pose, rng, self.min_distance)
 
     def _read_goal(self, goal: Any) -> str | Pose2D:
         if isinstance(goal, str) and goal in ("random", "world"):

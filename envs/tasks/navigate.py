@@ -3,7 +3,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -20,13 +20,72 @@ from lidarnaut.envs.task import ObservationPart
 from lidarnaut.envs.worlds import World, load_map
 
 from .goals import GeodesicDistance, GoalTask, known_map, make_localizer
+from .starts import WorldTask
 
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 """Standard deviations of the localizer's initial pose: position along an axis [m], heading [rad]."""
 
 
 @dataclass(kw_only=True, eq=False)
-class Navigate(GoalTask):
+class KnownMapTask(WorldTask):
+    """Base class of tasks on a known map, with a localizer."""
+
+    reset_options: ClassVar[tuple[str, ...]] = ("initial_pose",)
+
+    localizer: str = "amcl"
+    amcl: str | AmclParams = "default"
+    initial_pose: Any = "known"
+    map: str | Path | OccupancyGrid | None = None
+    map_pose: Any = (0.0, 0.0, 0.0)
+
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        self._one: Robot  # set by `reset`
+        self._read_initial_pose(self.initial_pose, "known", "unknown")
+        self._frame = frame = self.map_pose
+        if not (is_pose(frame) or (isinstance(frame, str) and frame == "spawn")):
+            raise ValueError(f"map_pose must be 'spawn' or (x, y, theta), all finite, got {frame!r}")
+        self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
+        self.needs_explorable = self._map is None
+        self.uses_true_motion = self.localizer == "truth"
+        super().attach(robot, control_period, physics)
+
+    def make_estimator(self) -> Estimator:
+        return make_localizer(self.localizer, self.robot.lidar, self.amcl)
+
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
+        self.map_pose = world.spawns[0] if isinstance(self._frame, str) else Pose2D(*map(float, self._frame))
+        return super().choose_starts(world, start, rng)
+
+    def _read_initial_pose(self, given: Any, *names: str) -> Any:
+        pose: Any = Pose2D(*map(float, given)) if is_pose(given) else given
+        if not (isinstance(pose, Pose2D) or (isinstance(pose, str) and pose in names)):
+            raise ValueError(f"initial_pose must be {', '.join(map(repr, names))} or (x, y, theta), got {given!r}")
+        if pose != "known" and self.localizer != "amcl":
+            raise ValueError(f"initial_pose={given!r} needs localizer='amcl', got {self.localizer!r}")
+        return None if pose == "unknown" else pose
+
+    def set_initial_pose(self, pose: Any) -> None:
+        """Restart localization; see `LidarEnv.set_initial_pose`."""
+        robot, given, amcl = self._one, self._read_initial_pose(pose, "unknown"), cast(Amcl, self._one.estimator)
+        robot.follow(amcl.reset(amcl.rng, given, robot.belief.grid))
+
+    def prior(self, index: int, rng: np.random.Generator) -> Prior:
+        grid = known_map(self.area) if self._map is None else self._map
+        given = self.options.get("initial_pose", self.initial_pose)
+        self._given_pose = self._read_initial_pose(given, "known", "unknown")
+        if self._given_pose != "known":
+            return Prior(self._given_pose, grid)
+        pose = self.map_pose.between(self.starts[0])
+        std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
+        prior_pose = Pose2D(*(pose + std * rng.standard_normal(3)))
+        cell = grid.cells(np.array(prior_pose[:2]))
+        if self.localizer != "amcl" or not grid.contains(cell) or grid.data[tuple(cell)] != 0:
+            prior_pose = pose
+        return Prior(prior_pose, grid, np.diag(std**2))
+
+
+@dataclass(kw_only=True, eq=False)
+class Navigate(KnownMapTask, GoalTask):
     """Drive to a goal on a known map.
 
     ## Description
@@ -99,61 +158,15 @@ class Navigate(GoalTask):
     reset_options = ("goal", "initial_pose")
     weights = {"progress": 1.0, "time": -0.02, "collision": -0.5, "reached": 10.0}
 
-    localizer: str = "amcl"
-    amcl: str | AmclParams = "default"
-    initial_pose: Any = "known"
-    map: str | Path | OccupancyGrid | None = None
-    map_pose: Any = (0.0, 0.0, 0.0)
     heading_tolerance: float = math.pi
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        self._read_initial_pose(self.initial_pose, "known", "unknown")
         if not 0 < self.heading_tolerance <= math.pi:
             raise ValueError(f"heading_tolerance must lie in (0, pi], got {self.heading_tolerance!r}")
-        self._frame = frame = self.map_pose
-        if not (is_pose(frame) or (isinstance(frame, str) and frame == "spawn")):
-            raise ValueError(f"map_pose must be 'spawn' or (x, y, theta), all finite, got {frame!r}")
-        self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
-        self.needs_explorable = self._map is None
-        self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)
-
-    def make_estimator(self) -> Estimator:
-        return make_localizer(self.localizer, self.robot.lidar, self.amcl)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         return {"goal": partial(Goal, self), "pose_uncertainty": PoseUncertainty}
-
-    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        self.map_pose = world.spawns[0] if isinstance(self._frame, str) else Pose2D(*map(float, self._frame))
-        return super().choose_starts(world, start, rng)
-
-    def _read_initial_pose(self, given: Any, *names: str) -> Any:
-        pose: Any = Pose2D(*map(float, given)) if is_pose(given) else given
-        if not (isinstance(pose, Pose2D) or (isinstance(pose, str) and pose in names)):
-            raise ValueError(f"initial_pose must be {', '.join(map(repr, names))} or (x, y, theta), got {given!r}")
-        if pose != "known" and self.localizer != "amcl":
-            raise ValueError(f"initial_pose={given!r} needs localizer='amcl', got {self.localizer!r}")
-        return None if pose == "unknown" else pose
-
-    def set_initial_pose(self, pose: Any) -> None:
-        """Restart localization; see `LidarEnv.set_initial_pose`."""
-        robot, given, amcl = self._one, self._read_initial_pose(pose, "unknown"), cast(Amcl, self._one.estimator)
-        robot.follow(amcl.reset(amcl.rng, given, robot.belief.grid))
-
-    def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        grid = known_map(self.area) if self._map is None else self._map
-        given = self.options.get("initial_pose", self.initial_pose)
-        self._given_pose = self._read_initial_pose(given, "known", "unknown")
-        if self._given_pose != "known":
-            return Prior(self._given_pose, grid)
-        pose = self.map_pose.between(self.starts[0])
-        std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
-        prior_pose = Pose2D(*(pose + std * rng.standard_normal(3)))
-        cell = grid.cells(np.array(prior_pose[:2]))
-        if self.localizer != "amcl" or not grid.contains(cell) or grid.data[tuple(cell)] != 0:
-            prior_pose = pose
-        return Prior(prior_pose, grid, np.diag(std**2))
 
     def _measure_path(self) -> float:
         self._geodesic = GeodesicDistance(self.area, self._true_goal)

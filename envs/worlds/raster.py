@@ -120,7 +120,7 @@ def check_world(world: World) -> World:
     """
     if not world.spawns:
         raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
-    numbers = [(what, getattr(world, what)) for what in ("bounds", "segments", "circles", "spawns", "goals")]
+    numbers = [(what, getattr(world, what)) for what in ("bounds", "segments", "circles", "spawns", "goals", "docks")]
     for what, values in numbers + [("people", person.waypoints) for person in world.people]:
         farthest = np.abs(np.asarray(values, dtype=np.float64)).max(initial=0.0)
         if not farthest <= MAX_COORDINATE:

@@ -43,6 +43,8 @@ class World:
     people: tuple[FixedRoute, ...] = ()
     goals: tuple[Pose2D, ...] = ()
     """Default goal pose for each start pose, or empty."""
+    docks: tuple[Pose2D, ...] = ()
+    """Charging stations: centre of the front, and heading of a docked robot, which points into the station."""
     optimal_length: float | None = None
     """Reference path length from the first start pose to its goal [m]."""
     height: float = 1.0
@@ -67,6 +69,7 @@ class World:
             magnets=np.column_stack([self.magnets[:, :2] * factor, self.magnets[:, 2:]]),
             spawns=tuple(Pose2D(factor * x, factor * y, theta) for x, y, theta in self.spawns),
             goals=tuple(Pose2D(factor * x, factor * y, theta) for x, y, theta in self.goals),
+            docks=tuple(Pose2D(factor * x, factor * y, theta) for x, y, theta in self.docks),
             optimal_length=None if self.optimal_length is None else factor * self.optimal_length,
             bounds=tuple(factor * side for side in self.bounds),  # type: ignore[arg-type]
             people=tuple(FixedRoute(factor * p.radius, factor * p.waypoints, factor * p.speed) for p in self.people),

@@ -82,6 +82,8 @@ class WorldFile(BaseModel):
     """Start poses (x, y, heading); the first is the default."""
     goals: Annotated[Rows, _columns("x, y, heading")] = []
     """Default goal for each start pose."""
+    docks: Annotated[Rows, _columns("x, y, heading")] = []
+    """Charging stations: centre of the front, and heading of a docked robot."""
     boxes: Annotated[Rows, _columns("x, y, length, width, yaw", positive=(2, 3), optional=1)] = []
     """Solid rectangles: centre, length, width and yaw."""
     polygons: Annotated[Loops, _points(3)] = []
@@ -150,6 +152,7 @@ def build_world(name: str, file: WorldFile) -> World:
             FixedRoute(one.radius, np.array(one.waypoints, dtype=np.float64), one.speed) for one in file.people
         ),
         goals=tuple(Pose2D(*row) for row in file.goals),
+        docks=tuple(Pose2D(*row) for row in file.docks),
         height=file.height,
         source=file.source,
         licence=file.licence,

@@ -15,9 +15,11 @@ from lidarnaut.benchmarks.arena.policies import parse_policy
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.envs.files import read_record
 from lidarnaut.envs.ids import arguments_of, find_spec
+from lidarnaut.envs.tasks.dock import Dock
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
+from lidarnaut.envs.tasks.sweep import Sweep
 from lidarnaut.envs.tasks.track import Track
 from lidarnaut.evaluate_command import main, split_arguments
 from tests.benchmarks.explorations import read_rows
@@ -31,6 +33,8 @@ CASES = {
     "Explore": (Explore, ["nearest", "random"], WORLDS),
     "ExploreTeam": (Explore, ["rrt_team", "random"], WORLDS),
     "Navigate": (Navigate, ["pursuit", "random"], [*WORLDS, "--localizer", "truth"]),
+    "Dock": (Dock, ["dock", "random"], ["--no-world-sections", "--localizer", "truth"]),
+    "Sweep": (Sweep, ["spiral", "random"], [*WORLDS, "--localizer", "truth"]),
     "ReachGoal": (ReachGoal, ["pursuit", "random"], [*WORLDS, "--slam", "odometry"]),
     "Track": (Track, ["route_follower", "random"], [*TRACK, "--robot", "turtlebot3_burger"]),
 }

@@ -33,6 +33,8 @@ CASES = {
     "explore": ("Explore", {**SMALL, "return_home": True, "people": 2, "randomize": TRUE_LIMITS}),
     "team": ("ExploreTeam", {**SMALL, "num_robots": 2}),
     "navigate": ("Navigate", SMALL),
+    "dock": ("Dock", {"start": (12.0, -10.3, 0.0), "physics": "kinematic"}),
+    "sweep": ("Sweep", SMALL),
     "reach": ("ReachGoal", {**REACH, "people": 2, "randomize": TRUE_LIMITS}),
     "bearing": ("ReachGoal", {**REACH, "goal_given": "bearing"}),
     "track": ("Track", {"physics": "kinematic", "map_resolution": 0.1}),

@@ -12,6 +12,7 @@ licence: CC0-1.0
 height: 5e-1
 spawns: [[0.5, 0.5, 1.57]]
 goals: [[3.5, 0.5, 0.0]]
+docks: [[4.0, 1.5, 0.0]]
 polylines: [[[0, 0], [4, 0], [4, 3]]]
 segments: [[4, 3, 0, 3], [2.0, 0.0, 2.0, 1.0, 0.2]]
 boxes: [[3, 2, 1.0, 0.4, 0.785398163]]
@@ -39,6 +40,7 @@ def test_every_kind_of_body(tmp_path):
     assert tuple(world.spawns[0]) == (0.5, 0.5, 1.57)
     assert tuple(world.goals[0]) == (3.5, 0.5, 0.0)
     assert tuple(world.scaled(2.0).goals[0]) == (7.0, 1.0, 0.0)
+    assert tuple(world.scaled(2.0).docks[0]) == (8.0, 3.0, 0.0)
     box = world.segments[:4, :2]
     assert np.hypot(*(box - (3, 2)).T) == pytest.approx([math.hypot(0.5, 0.2)] * 4)
     assert np.abs((box - (3, 2)) @ (math.sqrt(0.5), math.sqrt(0.5))) == pytest.approx([0.5] * 4)

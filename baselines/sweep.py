@@ -1,0 +1,186 @@
+"""Sweeping of a known floor: lanes in cells, tours around spanning trees, and random bounces."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy import ndimage
+
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.lines import resample
+from lidarnaut.envs.navigation import COST_INSCRIBED, Costmap, GoalNavigator, GoalParams, is_path_valid, travel_field
+from lidarnaut.envs.navigation.obstacles import free_distance
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
+from lidarnaut.envs.tasks.coverage import Frame
+from lidarnaut.envs.tasks.sweep import sweep
+
+from .reactive import MIN_WALL_MARGIN, WallFollower
+
+Patch = list[np.ndarray]
+"""Alternative tours of a part of the floor: waypoints (row, column), shape (n, 2), int."""
+OVERLAP = 0.5
+"""Minimum overlap of neighbouring lanes [grid cells]."""
+STEPS = ((-1, 0), (0, 1), (1, 0), (0, -1))
+"""Steps (row, column) to the neighbours of a block, counter-clockwise."""
+
+
+def boustrophedon(free: np.ndarray, width: int, start: tuple[int, int]) -> list[Patch]:
+    """Return parallel lanes along the longer axis of each cell of a boustrophedon decomposition.
+
+    Choset, "Coverage of Known Spaces: The Boustrophedon Cellular Decomposition" (2000), with slices of one row.
+
+    Args:
+        free: collision-free grid cells, shape (height, width), bool.
+        width: maximum distance between lanes [grid cells].
+        start: grid cell (row, column) of the robot.
+    """
+    cells: list[list[tuple[int, int, int]]] = []
+    last: list[list[tuple[int, int, int]]] = []  # cells that reach the previous row
+    for row, line in enumerate(np.diff(np.pad(free.astype(np.int8), ((0, 0), (1, 1))), axis=1)):
+        runs = list(zip(np.flatnonzero(line == 1).tolist(), (np.flatnonzero(line == -1) - 1).tolist(), strict=True))
+        above = [[cell for cell in last if cell[-1][1] <= b and a <= cell[-1][2]] for a, b in runs]
+        last = []
+        for (a, b), joined in zip(runs, above, strict=True):
+            is_one = len(joined) == 1 and sum(cell is joined[0] for others in above for cell in others) == 1
+            last.append(joined[0] if is_one else [])
+            cells += [] if is_one else last[-1:]
+            last[-1].append((row, a, b))
+    # Small cells are left for the end.
+    return [_zigzags(np.array(cell), width) for cell in cells if sum(b - a for _, a, b in cell) >= width**2]
+
+
+def _zigzags(cell: np.ndarray, width: int) -> Patch:
+    rows, first, last = cell.T
+    lanes = [((row, a), (row, b)) for row, a, b in cell]
+    if len(cell) > np.mean(last - first):
+        columns = ((col, rows[(first <= col) & (col <= last)]) for col in range(first.min(), last.max() + 1))
+        lanes = [((along[0], col), (along[-1], col)) for col, along in columns if len(along)]
+    chosen = np.linspace(0, len(lanes) - 1, 1 + math.ceil((len(lanes) - 1) / width)).round().astype(int)
+    tours = [np.vstack([lanes[k][:: (-1) ** (i + side)] for i, k in enumerate(chosen)]) for side in (0, 1)]
+    return [*tours, *(tour[::-1] for tour in tours)]
+
+
+def spiral(free: np.ndarray, width: int, start: tuple[int, int]) -> list[Patch]:
+    """Return tours around spanning trees of blocks of 2 x 2 lanes; arguments as for `boustrophedon`.
+
+    Gabriely and Rimon, "Spiral-STC: An On-line Coverage Algorithm of Grid Environments by a Mobile Robot" (2002).
+    """
+    size, patches = 2 * width, list[Patch]()
+    fits = np.array(np.lib.stride_tricks.sliding_window_view(free, (width + 1, width + 1)).all(axis=(2, 3)))
+    low, left = max(np.ndindex(size, size), key=lambda offset: np.sum(fits[offset[0] :: size, offset[1] :: size]))
+    blocks = set(map(tuple, np.argwhere(fits[low::size, left::size]).tolist()))
+    while blocks:
+        block = root = min(blocks, key=lambda block: math.dist(block, (start[0] / size, start[1] / size)))
+        branches, stack, corner, tour = set(), [(root, root, 0)], 0, list[tuple[int, int]]()
+        while stack:
+            found, parent, step = stack.pop()
+            if found in blocks:
+                blocks.remove(found)
+                branches |= {(parent, step), (found, (step + 2) % 4)} if found != parent else set()
+                for turn in ((step + k) % 4 for k in (2, 1, 0, 3)):
+                    stack.append(((found[0] + STEPS[turn][0], found[1] + STEPS[turn][1]), found, turn))
+        while not tour or (block, corner) != (root, 0):  # counter-clockwise around the tree
+            row, col = low + block[0] * size, left + block[1] * size
+            tour.append((row + width * (corner > 1), col + width * (corner in (1, 2))))
+            if is_branch := (block, corner) in branches:
+                block = block[0] + STEPS[corner][0], block[1] + STEPS[corner][1]
+            corner = (corner + (3 if is_branch else 1)) % 4
+        points = np.array([*tour, tour[0]])
+        steps = np.diff(points, axis=0)
+        patches.append([points[np.append((steps != np.roll(steps, 1, axis=0)).any(axis=1), True)]])
+    return patches
+
+
+class SweepNavigator(GoalNavigator):
+    """Sweeps the floor of a known map: the nearest tour first, then lanes and points on the rest of the floor."""
+
+    def __init__(self, make_tours: Callable[[np.ndarray, int, tuple[int, int]], list[Patch]]) -> None:
+        """Create a policy; `make_tours`: a function such as `boustrophedon`."""
+        super().__init__(GoalParams(goal_tolerance=0.1, max_recoveries=2))
+        self._make_tours = make_tours
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        super().reset(robot, control_period, rng)
+        self._patches: list[Patch] | None = None
+        self._waypoints: list[tuple[float, float]] = []
+        self._position = 0.0, 0.0
+
+    def act(self, reading: Reading, belief: Belief) -> Twist:
+        if self._patches is None and belief.is_lost:  # drives by the scan until AMCL has found the pose
+            if self.goal is None:
+                self.set_goal(belief.pose[:2])
+            return super().act(reading, belief)
+        if self._patches is None:
+            self._begin(belief)
+        self._mark(*self._position, *belief.pose[:2])
+        self._position = belief.pose[:2]
+        twist = super().act(reading, belief)
+        ((x, y),) = belief.pose.inverse().transform(np.array([self.target or self._position]))
+        is_at_wall = self._has_path and twist.v <= 0.0 and 4.0 * abs(y) < x < 2.0 * self._robot.radius
+        if is_at_wall or self.end_reason in ("arrived", "no_path", "stuck"):
+            self._advance(belief.pose)
+        return twist
+
+    def _begin(self, belief: Belief) -> None:
+        planning, self._position = self._follow_map(belief), belief.pose[:2]
+        costmap, self._grid = planning.costmap(0, belief.pose), planning.grid
+        field = travel_field(costmap, self._position)
+        is_reached = False if field is None else np.isfinite(field.costs)
+        self._free = (costmap.costs < COST_INSCRIBED) & is_reached
+        self._unswept = self._near(self._free, self._robot.radius)
+        self._width, self._is_second = max(1, int(2.0 * self._robot.radius / planning.side - OVERLAP)), False
+        self._patches = self._make_tours(self._free, self._width, planning.cell(*self._position))
+        self._advance(belief.pose)
+
+    def _near(self, floor: np.ndarray, reach: float) -> np.ndarray:
+        return np.asarray(ndimage.distance_transform_edt(~floor) * self._grid.resolution <= reach)
+
+    def _mark(self, *line: float) -> None:
+        sweep(self._unswept, Frame(*self._grid.origin, self._grid.resolution), np.array([line]), self._robot.radius)
+
+    def _advance(self, pose: Pose2D) -> None:
+        assert self.map is not None
+        if not self._waypoints:
+            field = travel_field(self.map.costmap(0, pose), pose[:2])
+            tour = () if field is None else self._grid.centers(self._next_tour(field.costs))
+            self._waypoints = [(x, y) for x, y in tour]
+        if self._waypoints:
+            self.set_goal(self._waypoints.pop(0))
+        else:
+            self.end_reason = "swept"
+
+    def _next_tour(self, costs: np.ndarray) -> np.ndarray:
+        wide, reach = ndimage.binary_opening(self._unswept, np.ones((3, 3), dtype=bool)), 0.5 * self._robot.radius
+        if not self._patches and not self._is_second:
+            rest = self._free & self._near(wide, reach)
+            self._is_second, self._patches = True, boustrophedon(rest, self._width, (0, 0))
+        if self._patches:
+            tours = [(costs[tuple(tour[0])], k, tour) for k, patch in enumerate(self._patches) for tour in patch]
+            _, k, tour = min(tours, key=lambda one: one[:2])
+            del self._patches[k]
+            return tour
+        for floor in (wide, self._unswept):
+            rest = np.where(self._free & self._near(floor, reach), costs, np.inf)
+            if math.isfinite(rest.min()):
+                cell = np.array(np.unravel_index(rest.argmin(), rest.shape))
+                self._mark(*self._grid.centers(cell), *self._grid.centers(cell))  # one visit is enough
+                return cell[None]
+        return np.empty((0, 2), dtype=int)
+
+    def _plan(self, pose: Pose2D, costmap: Costmap, *, drive_out: bool) -> np.ndarray | None:
+        line = resample(np.array([pose[:2], self.target]), costmap.grid.resolution)
+        return line if is_path_valid(costmap, line) else super()._plan(pose, costmap, drive_out=drive_out)
+
+
+class Bouncer(WallFollower):
+    """Drives straight to a wall, turns by a random angle, and drives on."""
+
+    def _command(self, obstacles: np.ndarray) -> Twist:
+        robot = self._robot
+        reach = 0.1 + 0.5 * robot.max_v**2 / robot.max_acc_v
+        if free_distance(obstacles, 0.0, robot.radius + MIN_WALL_MARGIN, reach) >= reach:
+            return self._drive(0.0)
+        self._navigator.spin(self._rng.uniform(0.4, 1.6) * math.pi)
+        return Twist(0.0, 0.0)

@@ -1,0 +1,134 @@
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.baselines import policies_for
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.baselines.sweep import boustrophedon, spiral
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.tasks.coverage import Frame
+from lidarnaut.envs.tasks.sweep import Sweep, sweep
+from tests.rooms import make_room
+
+AHEAD = np.array([1.0, 0.0], dtype=np.float32)
+ROOM = make_room(0.0, 0.0, 3.02, 3.02, spawn=Pose2D(0.5, 0.5, 0.0))
+SETTINGS = {"world": ROOM, "robot": "turtlebot3_burger", "physics": "kinematic", "localizer": "truth", "start": "spawn"}
+
+
+@pytest.mark.parametrize(
+    "line", [(0.5, 0.5, 0.5, 0.5), (0.2, 0.3, 0.9, 0.6), (0.9, 0.9, 1.2, -0.3), (5.0, 5.0, 6.0, 6.0)]
+)
+def test_the_kernel_clears_cells_near_the_line_as_a_slow_reference_does(line):
+    frame, mask = Frame(-0.1, 0.05, 0.05), np.ones((20, 24), dtype=bool)
+    rows, cols = np.nonzero(mask)
+    points = np.column_stack([frame.x + (cols + 0.5) * frame.resolution, frame.y + (rows + 0.5) * frame.resolution])
+    ends = np.array(line).reshape(2, 2)
+    along = np.linspace(ends[0], ends[1], 2001)
+    away = np.sqrt(((points[:, None] - along) ** 2).sum(axis=2)).min(axis=1).reshape(mask.shape)
+    count = sweep(mask, frame, np.array([line]), 0.163)
+    np.testing.assert_array_equal(mask, away > 0.163)
+    assert count == (~mask).sum()
+    assert sweep(mask, frame, np.array([line]), 0.163) == 0
+
+
+def test_a_straight_drive_sweeps_a_strip_of_the_robots_width():
+    env = LidarEnv(Sweep, **SETTINGS, map_resolution=0.02)
+    _, info = env.reset(seed=0)
+    radius = env.robot.radius
+    assert info["swept_area"] == pytest.approx(math.pi * radius**2, rel=0.1)
+    # All of the room, without the corners and the cells at the walls.
+    assert env.task.floor_area == pytest.approx(9.0, abs=0.2)
+    assert info["swept_fraction"] == pytest.approx(info["swept_area"] / env.task.floor_area)
+    for _ in range(60):
+        before, (_, _, _, _, info) = info, env.step(AHEAD)
+        assert info["rewards"]["swept"] == pytest.approx(info["swept_area"] - before["swept_area"])
+    strip = math.pi * radius**2 + 2.0 * radius * info["path_length"]
+    assert info["swept_area"] == pytest.approx(strip, rel=0.05)
+
+
+@pytest.mark.parametrize(("name", "least"), [("boustrophedon", 0.9), ("spiral", 0.9)])
+def test_classic_policies_sweep_a_room(name, least):
+    env = LidarEnv(Sweep, **SETTINGS | {"localizer": "amcl"})
+    env.reset(seed=0)
+    episode = run_episode(env, policies_for(env)[name](), 0)
+    assert (episode.end_reason, episode.collisions) == ("swept", 0)
+    # At most twice the length of lanes without overlap.
+    assert episode.path_length < 2.0 * least * env.task.floor_area / (2.0 * env.robot.radius)
+
+
+def test_a_lost_robot_is_localized_before_the_plan():
+    settings = {"world": "turtlebot3_world", "robot": "turtlebot3_burger", "initial_pose": "unknown"}
+    env = LidarEnv(Sweep, **settings, physics="kinematic", time_limit=150.0)
+    _, info = env.reset(seed=0)
+    assert info["is_lost"]
+    episode = run_episode(env, policies_for(env)["boustrophedon"](), 0)
+    assert (episode.end_reason, episode.history.final["is_lost"]) == ("time_limit", False)
+    assert episode.swept_fraction > 0.1
+
+
+def test_bounces_sweep_more_than_random_commands():
+    env, swept = LidarEnv(Sweep, **SETTINGS, time_limit=60.0), {}
+    for name in ("bounce", "random"):
+        env.reset(seed=0)
+        swept[name] = run_episode(env, policies_for(env)[name](), 0).swept_fraction
+    assert swept["bounce"] > 1.5 * swept["random"]
+
+
+def test_policies_offered_for_sweeping():
+    env = gymnasium.make("lidarnaut/Sweep-v0", physics="kinematic")
+    env.reset(seed=0)
+    assert set(policies_for(env)) == {"boustrophedon", "spiral", "bounce", "random", "wall_follower"}
+
+
+def covered(tours, shape, width):
+    """Return the cells within half a lane of the tours' lines."""
+    mask = np.zeros(shape, dtype=bool)
+    for patch in tours:
+        for a, b in zip(patch[0][:-1], patch[0][1:]):
+            for share in np.linspace(0.0, 1.0, 200):
+                row, col = np.round(a + share * (b - a)).astype(int)
+                mask[
+                    max(row - width // 2, 0) : row + width // 2 + 1, max(col - width // 2, 0) : col + width // 2 + 1
+                ] = True
+    return mask
+
+
+FREE = np.ones((48, 60), dtype=bool)
+PILLAR = FREE.copy()
+PILLAR[18:30, 24:36] = False
+
+
+@pytest.mark.parametrize(
+    ("plan", "free", "least"),
+    [(boustrophedon, FREE, 1.0), (boustrophedon, PILLAR, 1.0), (spiral, FREE, 0.9), (spiral, PILLAR, 0.85)],
+)
+def test_tours_cover_the_free_cells(plan, free, least):
+    tours = plan(free, 6, (3, 3))
+    assert covered(tours, free.shape, 6)[free].mean() >= least
+    for patch in tours:
+        for tour in patch:
+            assert free[tuple(tour.T)].all()
+
+
+def test_a_pillar_splits_the_floor_into_four_cells():
+    patches = boustrophedon(PILLAR, 6, (0, 0))
+    assert len(patches) == 4
+    beside = sorted(patches[k][0][:, 1].min() for k in range(4))
+    assert beside == [0, 0, 0, 36]
+    for patch in patches:  # four tours, from each corner
+        assert len({tuple(tour[0]) for tour in patch}) == 4
+    left = next(patch[0] for patch in patches if patch[0][:, 1].max() == 23 and patch[0][:, 0].min() == 18)
+    assert abs(np.diff(left[:2, 1])).item() == 23  # along the longer axis
+
+
+def test_a_spiral_is_a_closed_tour_with_one_visit_per_lane_cell():
+    ((tour,),) = spiral(FREE, 6, (3, 3))
+    assert tuple(tour[0]) == tuple(tour[-1])
+    lengths = np.abs(np.diff(tour, axis=0)).sum(axis=1)
+    assert (np.abs(np.diff(tour, axis=0)).min(axis=1) == 0).all()
+    # 4 x 5 blocks of 2 x 2 lane cells, each 6 cells wide.
+    assert lengths.sum() == 6 * 4 * 4 * 5
