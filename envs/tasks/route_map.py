@@ -90,14 +90,17 @@ def make_route_map(
     found = np.array(poses)
     if name not in ("truth", "odometry"):
         found = align_scans(np.array([reading.ranges for reading in readings]), found, robot.lidar)
-    grid = _draw(robot, readings, found, resolution)
+    grid = _draw(robot, readings, found, resolution, getattr(mapper, "params", None))
     _clear_driven(grid, found, 0.5 * robot.radius)
     offset = np.mean(np.exp(1j * (np.array([reading.heading for reading in readings]) - found[:, 2])))
     return RouteMap(grid, math.atan2(offset.imag, offset.real), found)
 
 
-def _draw(robot: RobotParams, readings: Sequence[Reading], poses: np.ndarray, resolution: float) -> OccupancyGrid:
-    changes = {"resolution": resolution, "hole_width": 0.04, "min_travel_distance": 0.0}
+def _draw(
+    robot: RobotParams, readings: Sequence[Reading], poses: np.ndarray, resolution: float, params: Any
+) -> OccupancyGrid:
+    shared = {name: getattr(params, name) for name in ("max_range", "skip_exceeding") if hasattr(params, name)}
+    changes = {**shared, "resolution": resolution, "hole_width": 0.04, "min_travel_distance": 0.0}
     mapper, before = KnownPoses(robot.lidar, load_params("default", changes)), ORIGIN
     for reading, pose in zip(readings, itertools.starmap(Pose2D, poses.tolist()), strict=True):
         mapper.update(reading, before.between(pose))

@@ -188,7 +188,7 @@ def test_a_blocked_robot_that_turns_its_wheels_earns_only_what_it_sees(slam):
         _, _, terminated, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
         assert not terminated
     # The robot stands between 5 m and 5.5 m, and sees 3.5 m back and less than a metre ahead.
-    assert info["pose_error"][0] > 0.5
+    assert info["pose_error"][0] > 0.2
     assert info["explored_fraction"] < 4.9 / 32.0
 
 
