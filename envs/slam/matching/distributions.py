@@ -24,7 +24,7 @@ MAX_SQUARED_DISTANCE = 9.0
 """Squared Mahalanobis distance from which a scan point has no weight."""
 CORRELATION = 3.0
 """Factor on the variance of scan points, because errors of neighbouring points are correlated."""
-STEPS = 3
+STEPS = 2
 """Number of Gauss-Newton steps."""
 
 
@@ -52,7 +52,8 @@ def add_points(sums, ends):
 def evaluate(sums, points, num_points, x, y, theta, scale):
     """Return Hessian and right-hand side of a Gauss-Newton step, times `scale`, and as `total` the matched points.
 
-    Weights (1 - d^2 / MAX_SQUARED_DISTANCE)^2 reduce the influence of points at Mahalanobis distance d (Beaton and
+    Points may slide along walls: the inverse of the largest eigenvalue of the covariance is subtracted from the
+    information. Weights (1 - d^2 / MAX_SQUARED_DISTANCE)^2 reduce the influence of points at distance d (Beaton and
     Tukey, 1974). `points`: shape (2, >= num_points), float32, base frame [cells]. `x`, `y`: from the map's corner
     [cells]; `theta` [rad].
     """
@@ -74,7 +75,8 @@ def evaluate(sums, points, num_points, x, y, theta, scale):
         yy = share * square[5] - mean_y * mean_y + POINT_VARIANCE
         d_x, d_y = SIDE * (u - int(u) - 0.5) - mean_x, SIDE * (v - int(v) - 0.5) - mean_y
         inverse = 1.0 / (xx * yy - xy * xy)
-        xx, xy, yy = inverse * yy, -inverse * xy, inverse * xx
+        along = 0.5 * (xx + yy) + math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+        xx, xy, yy = inverse * yy - 1.0 / along, -inverse * xy, inverse * xx - 1.0 / along
         g_x, g_y = xx * d_x + xy * d_y, xy * d_x + yy * d_y
         weight = 1.0 - (d_x * g_x + d_y * g_y) / MAX_SQUARED_DISTANCE
         if weight <= 0.0:

@@ -67,7 +67,8 @@ def test_evaluate_matches_the_slow_reference():
         at = int(row // SIDE), int(col // SIDE)
         if len(rows := stored.get(at, ())) < MIN_POINTS:
             continue
-        precision = np.linalg.inv(np.cov(rows.T, bias=True) + POINT_VARIANCE * np.eye(2))
+        covariance = np.cov(rows.T, bias=True) + POINT_VARIANCE * np.eye(2)
+        precision = np.linalg.inv(covariance) - np.eye(2) / np.linalg.eigvalsh(covariance)[1]
         apart = np.array([col - SIDE * (at[1] + 0.5), row - SIDE * (at[0] + 0.5)]) - rows.mean(axis=0)
         if (squared := apart @ precision @ apart) >= MAX_SQUARED_DISTANCE:
             continue
