@@ -21,7 +21,7 @@ MIN_SHARE = 0.2
 POINT_VARIANCE = 0.04
 """Variance added to distributions [cells^2], 1 cm for cells of 5 cm: lidar noise, and pose errors of earlier scans."""
 MAX_SQUARED_DISTANCE = 9.0
-"""Squared Mahalanobis distance from which a scan point has no weight."""
+"""Squared Mahalanobis distance above which scan points are ignored."""
 CORRELATION = 3.0
 """Factor on the variance of scan points, because errors of neighbouring points are correlated."""
 STEPS = 2
