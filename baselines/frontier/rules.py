@@ -1,6 +1,7 @@
 """Functions that score frontiers, and explorers that use the scores."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
@@ -23,10 +24,15 @@ def nearest(candidates: Candidates, belief: Belief) -> np.ndarray:
 
 
 class NearestExplorer(RuleExplorer):
-    """Drives to the frontier with the lowest path cost."""
+    """Drives to the frontier with the lowest path cost. Frontiers shorter than the robot come last (Yamauchi 1997)."""
 
     def __init__(self) -> None:
-        super().__init__(nearest, max_candidates=4, planning=PlanningParams(min_lengths=MIN_LENGTHS))
+        super().__init__(nearest, max_candidates=4)
+
+    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        least = max(MIN_LENGTHS[0], 2.0 * robot.radius)
+        self.planning = replace(self.planning, min_lengths=(least, MIN_LENGTHS[1]))
+        super().reset(robot, control_period, rng)
 
 
 def greedy_gain(candidates: Candidates, belief: Belief) -> np.ndarray:

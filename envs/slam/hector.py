@@ -57,7 +57,7 @@ class Hector(KeyScanSlam):
         last, belief = self._last_matched_pose() or predicted, self.belief
         # Earlier beliefs keep their covariance.
         belief.covariance = belief.covariance.copy()
-        over = (self.map.geometry, self.map.levels, self.map.corner)
+        over = (self.map.geometry, self.map.levels, self.map.sums, self.map.corner)
         poses = (tuple(last), tuple(predicted))
         matcher = self._matcher.in_contact(self.slip)
         tested: list[Match] = []

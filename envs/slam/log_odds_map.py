@@ -15,6 +15,7 @@ from lidarnaut.envs.geometry import UNKNOWN, Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 from .growing_map import GrowingMap
+from .matching.distributions import NUM_SUMS, SIDE, add_points
 from .scans import SIDE_START, beam_ends, walk
 from .slam_params import MatchingParams
 
@@ -98,17 +99,18 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 
 
 @njit(cache=True, error_model="numpy")
-def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
+def integrate_scans(words, levels, sums, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
     """Insert scans into a map at all resolutions; return the number of cells first observed by the last scan.
 
-    `words` (packed cells, int32) and `levels` (occupancies, int8 [percent]) are tuples of arrays, finest first.
-    `ranges`: shape (n, num_beams), float32 [m]. `poses`: base poses, shape (n, 3), map frame [m, m, rad]. `stamp`:
-    number of the first scan, higher than in all cells. `new_cells` receives row and column of new finest cells, shape
-    (n, 2), int32. See `beam_ends`.
+    `words` (packed cells, int32) and `levels` (occupancies, int8 [percent]) are tuples of arrays, finest first. `sums`:
+    see `add_points`. `ranges`: shape (n, num_beams), float32 [m]. `poses`: base poses, shape (n, 3), map frame [m, m,
+    rad]. `stamp`: number of the first scan, higher than in all cells. `new_cells` receives row and column of new finest
+    cells, shape (n, 2), int32. See `beam_ends`.
     """
     num_new, width = 0, words[0].shape[1]
     for i in range(ranges.shape[0]):
         lidar, _ = beam_ends(ranges[i], poses[i], geometry, corner, ends)
+        add_points(sums, ends)
         # The finest level comes last, because its new cells are returned.
         for k in range(len(words) - 1, -1, -1):
             num_new = _integrate(words[k], levels[k], 0.5**k, lidar, ends, model, stamp + i, new_cells)
@@ -134,7 +136,7 @@ class LogOddsMap(GrowingMap):
     """
 
     def __init__(self, params: MatchingParams, lidar: LidarParams) -> None:
-        super().__init__(params, lidar, block=1 << (params.num_levels - 1))
+        super().__init__(params, lidar, block=max(1 << (params.num_levels - 1), SIDE))
         self.model = LogOddsModel.of(params)
         self._stamp = 0
         height, width = self.grid.data.shape
@@ -143,6 +145,8 @@ class LogOddsMap(GrowingMap):
         """Map cells as integers (log-odds and scan number), one array per resolution, shape (height, width) / 2^level,
         int32."""
         self._coarser = [np.full(shape, UNKNOWN, dtype=np.int8) for shape in shapes[1:]]
+        self.sums = np.zeros((height // SIDE, width // SIDE, NUM_SUMS), dtype=np.float32)
+        """Normal distributions of scan points, shape (height / SIDE, width / SIDE, NUM_SUMS), float32."""
 
     @property
     def levels(self) -> tuple[np.ndarray, ...]:
@@ -166,7 +170,7 @@ class LogOddsMap(GrowingMap):
                 forget_stamps(words)
             self._stamp = 1
         scans, work = (ranges, poses, self.geometry, self.corner), (self._ends, self._new_cells)
-        count = integrate_scans(tuple(self.words), self.levels, *scans, self.model, self._stamp + 1, *work)
+        count = integrate_scans(tuple(self.words), self.levels, self.sums, *scans, self.model, self._stamp + 1, *work)
         self._stamp += len(ranges)
         return window, count
 
@@ -174,6 +178,7 @@ class LogOddsMap(GrowingMap):
         """Replace the cells by those of another map, which becomes invalid; `grid` stays the same object."""
         self.grid.data, self.grid.origin, self.corner = other.grid.data, other.grid.origin, other.corner
         self.words, self._coarser, self._stamp = other.words, other._coarser, other._stamp
+        self.sums = other.sums
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
         super()._pad(margins)
@@ -183,3 +188,4 @@ class LogOddsMap(GrowingMap):
             self.words[k] = np.pad(words, narrow)
             if k:
                 self._coarser[k - 1] = np.pad(self._coarser[k - 1], narrow, constant_values=UNKNOWN)
+        self.sums = np.pad(self.sums, ((low // SIDE, high // SIDE), (left // SIDE, right // SIDE), (0, 0)))

@@ -147,6 +147,8 @@ class HectorParams(MatchingParams):
 
     uses_odometry: bool = True
     """Use odometry as prediction and pose prior; False starts at the last pose (Kohlbrecher et al., 2011)."""
+    uses_distributions: bool = True
+    """Refine matches with normal distributions of the points in the map (Biber and Straßer, 2003)."""
     match_every_scan: bool = False
     """Match every scan instead of only scans after a minimum motion."""
 
@@ -230,6 +232,7 @@ class GMappingParams(MatchingParams):
 
     match_every_scan: ClassVar[bool] = False
     uses_odometry: ClassVar[bool] = True
+    uses_distributions: ClassVar[bool] = False
     num_levels: Annotated[int, Field(ge=1, le=4)] = 2
     retry_below: Share = 0.4
     min_known_score: Share = 0.25

@@ -55,7 +55,7 @@ class LocalSlam:
             return None
         first = self.active[0]
         submap, origin = self._maps[first], self._nodes.submap_pose(first)
-        over = (submap.geometry, submap.levels, submap.corner)
+        over = (submap.geometry, submap.levels, submap.sums, submap.corner)
         poses = (tuple(origin.between(before)), tuple(origin.between(predicted)))
         match = match_to_levels(ranges, *over, *poses, matcher, self._covariances[first], self._points)
         dx, dy, turn = predicted.x - before.x, predicted.y - before.y, wrap_angle(predicted.theta - before.theta)

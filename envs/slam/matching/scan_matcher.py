@@ -11,6 +11,7 @@ from ..scans import project_hits
 from ..slam_params import MatchingParams
 from .correlative import CorrelativeWindow, search_window
 from .covariance import NoiseRecord, correct_covariance, invert, motion_stds, predict_covariance
+from .distributions import refine_to_distributions
 from .gauss_newton import Fit, PosePrior, known_score_at, refine
 
 WINDOW_STDS = 2.0
@@ -24,6 +25,7 @@ class MatcherParams(NamedTuple):
 
     odometry_noise: NoiseRecord
     uses_odometry: bool
+    uses_distributions: bool
     residual_variance: float
     iterations: int
     coarse_iterations: int
@@ -79,12 +81,13 @@ def make_prior(pose, covariance, residual_variance, resolution):
 
 
 @njit(cache=True, error_model="numpy")
-def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
+def match_to_levels(ranges, geometry, levels, sums, corner, last, predicted, params, covariance, points):
     """Match a scan, shape (num_beams,), float32 [m], to a map by correlative search and Gauss-Newton.
 
-    `levels`: occupancy grids, finest first. `corner`: column and row of the first cell from the map frame's origin.
-    `last`: pose at the last matched scan; `predicted`: odometry pose; map frame [m, m, rad]. `covariance`, shape (3,
-    3), float64 [m, rad], is updated to the match, or to the prediction if the scan does not fit.
+    `levels`: occupancy grids, finest first. `sums`: see `distributions.add_points`. `corner`: column and row of the
+    first cell from the map frame's origin. `last`: pose at the last matched scan; `predicted`: odometry pose; map frame
+    [m, m, rad]. `covariance`, shape (3, 3), float64 [m, rad], is updated to the match, or to the prediction if the scan
+    does not fit.
     """
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])
@@ -128,6 +131,10 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     is_judged = num_known >= params.min_known_hits
     fits = not is_judged or known_score >= params.min_known_score
     if fits:
+        if params.uses_distributions:
+            x, y, theta = refine_to_distributions(
+                sums, points, count, num_known, (x, y, theta), prior, params.residual_variance
+            )
         correct_covariance(covariance, fit, count, params.residual_variance, resolution)
     x, y = (x + corner[0]) * resolution, (y + corner[1]) * resolution
     return Match(x, y, wrap_angle(theta), is_judged, fits, count, fit, is_far)

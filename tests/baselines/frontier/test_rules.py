@@ -21,6 +21,7 @@ from lidarnaut.benchmarks.arena.policies import parse_policy
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.navigation import GainOverCost
+from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.tasks.explore import Explore
 from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, hall, reading_of
 
@@ -117,6 +118,17 @@ def test_nearest_goes_to_the_nearest_opening_that_has_not_failed():
     candidates["failures"][:] = candidates["frontier"][:, 0] < 0.0
     chosen = NearestExplorer().rule(candidates, belief_at(4.0, 0.0)).argmax()
     assert candidates["frontier"][chosen][0] > 10.0
+
+
+@pytest.mark.parametrize(("robot", "side"), [("turtlebot3_burger", "left"), ("tugbot", "right")])
+def test_nearest_leaves_openings_narrower_than_the_robot_for_later(robot, side):
+    grid, robot = hall(), load_robot(robot)
+    grid.data[64:96, 28:30] = 100
+    grid.data[74:86, 28:30] = 0  # 0.6 m
+    explorer = NearestExplorer()
+    explorer.reset(robot, 0.1, np.random.default_rng(0))
+    explorer.act(reading_of(robot=robot), belief_at(4.0, 0.0, grid))
+    assert (explorer.navigator.target[0] < 5.0) == (side == "left")
 
 
 def test_explore_lite_weighs_three_metres_against_nine_cells():

@@ -35,6 +35,7 @@ BLIND = GraphSlamParams(
     cells_per_scan=120_000,
     odometry_noise=NOISE,
     residual_variance=1e9,
+    uses_distributions=False,
     retry_below=0.0,
 )
 """Parameters with poses from odometry, corrected only by loop closures."""
