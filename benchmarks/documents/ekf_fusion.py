@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 import math
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from scipy.stats import chi2
 from lidarnaut.baselines.episode import begin_episode, decide_with
 from lidarnaut.baselines.reactive import RouteFollower
 from lidarnaut.benchmarks.arena.plots import ERROR, INK, LINES, MUTED
-from lidarnaut.benchmarks.documents.figures import Figure
+from lidarnaut.benchmarks.documents.figures import Figure, figures_of
 from lidarnaut.benchmarks.drives.recording import run_each
 from lidarnaut.envs.core import LidarEnv, lidar_env_of
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
@@ -38,6 +37,7 @@ PAPER = {
 }
 """Results of Nguyen et al. (2021) with AMCL, encoders and compass: RMSE (equations 11 and 12), maximum errors, and the
 error perpendicular to the direction of motion."""
+RMSES = "position RMSE [mm]", "heading RMSE [deg]"
 COMPASS_NOISE = 0.69
 """Standard deviation of the compass in the experiment [deg]: all of the paper's heading error, besides rounding."""
 NOISES = (0.1, 0.3, COMPASS_NOISE, 1.15, 2.0)
@@ -131,8 +131,6 @@ class RouteDrive:
     """Estimated poses (x, y, heading) in the map frame, by filter name: shape (n, 3), float64 [m, m, rad]."""
     covariance: dict[str, np.ndarray]
     """Estimated covariances of x, y [m] and heading [rad], by filter name: shape (n, 3, 3), float64."""
-    verdicts: dict[str, Counter[str]]
-    """Number of measurements by filter name and decision: `accepted`, `gated` (rejected as outlier), `too_old`, ..."""
 
     def error(self, name: str) -> np.ndarray:
         """Return the pose errors (x, y, heading) of a filter: shape (n, 3), heading in [-180, 180) [mm, mm, deg]."""
@@ -172,8 +170,7 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
     figures = []
     for name, fusion in itertools.product(physics, (DRIVER, "amcl", "encoder_compass", "encoder")):
         some = [drive for drive in drives[: len(main)] if drive.physics == name]
-        of = f"{LABELS[fusion]}, {name}"
-        figures += _figures(of, some, fusion, {key: PAPER.get(key) for key in some[0].measure(fusion)})
+        figures += figures_of([drive.measure(fusion) for drive in some], f"{{}}, {LABELS[fusion]}, {name}", PAPER)
         if fusion == DRIVER:
             done = [float(drive.end_reason == "completed" and drive.collisions == 0) for drive in some]
             figures.append(Figure(f"route completed without contact, {name}", "share", done, best="most"))
@@ -181,22 +178,14 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
     for k, (name, noise) in enumerate(disturbed):
         some = drives[len(main) + k * len(few) :][: len(few)]
         for fusion in LABELS:
-            of = f"compass noise {noise:g} deg, {name}: {LABELS[fusion]}"
-            figures += _figures(of, some, fusion, dict.fromkeys(("position RMSE [mm]", "heading RMSE [deg]")))
+            of = f"{{}}, compass noise {noise:g} deg, {name}: {LABELS[fusion]}"
+            figures += figures_of([{key: drive.measure(fusion)[key] for key in RMSES} for drive in some], of)
     for fault in FAULTS:
-        keys = "position RMSE [mm]", "heading RMSE [deg]"
-        figures += _figures(f"fault: {fault}", drives[-len(few) :], fault, dict.fromkeys(keys))
+        found = [{key: drive.measure(fault)[key] for key in RMSES} for drive in drives[-len(few) :]]
+        figures += figures_of(found, f"{{}}, fault: {fault}")
     with matplotlib.rc_context({"axes.spines.top": False, "axes.spines.right": False, "font.size": 9}):
         _draw_drive(drives[0], changes, pictures)
         _draw_errors(drives[: len(main)]).savefig(pictures / "ekf_fusion_errors.png", dpi=70)
-    return figures
-
-
-def _figures(of: str, drives: Sequence[RouteDrive], name: str, keys: Mapping[str, float | None]) -> list[Figure]:
-    found, figures = [drive.measure(name) for drive in drives], []
-    for key, document in keys.items():
-        item, _, unit = key.rstrip("]").partition(" [")
-        figures.append(Figure(f"{item}, {of}", unit, [values[key] for values in found], document))
     return figures
 
 
@@ -254,9 +243,6 @@ def run_drive(
         straights=np.where(is_straight, route.headings[nearest], np.nan),
         estimated={name: np.array([one.pose for one in many]) for name, many in estimates.items()},
         covariance={name: np.array([one.covariance[:3, :3] for one in many]) for name, many in estimates.items()},
-        verdicts={
-            name: sum(map(Counter, channel.ekf.counts.values()), Counter()) for name, channel in channels.items()
-        },
     )
 
 

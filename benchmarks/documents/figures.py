@@ -1,11 +1,13 @@
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from rich.table import Table
 
+MOST = "IoU", "goals reached", "explored share"
+"""Words in the names of quantities whose highest values are the best."""
 WORST: dict[str, Any] = {"least": np.max, "most": np.min}
 
 
@@ -60,6 +62,19 @@ class Figure:
             }
             for item, value in values.items()
         ]
+
+
+def figures_of(runs: Sequence[Mapping[str, float]], name: str, documents: Mapping[str, float] = {}) -> list[Figure]:
+    """Return a figure for each quantity of several runs, with keys such as `heading RMSE [deg]`.
+
+    `name`: format of the item, with `{}` for the quantity. `documents`: values in the document, by key.
+    """
+    figures = []
+    for key in runs[0]:
+        item, _, unit = key.rstrip("]").partition(" [")
+        best: Any = "most" if any(word in item for word in MOST) else "least"
+        figures.append(Figure(name.format(item), unit, [run[key] for run in runs], documents.get(key), best))
+    return figures
 
 
 def table(figures: Sequence[Figure]) -> Table:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.baselines.global_localization import Animation, localize_and_drive, map_world
-from lidarnaut.benchmarks.documents.figures import Figure
+from lidarnaut.benchmarks.documents.figures import Figure, figures_of
 from lidarnaut.benchmarks.drives.maps import Panel, draw_maps, wrong_cells
 from lidarnaut.benchmarks.drives.recording import RESOLUTION, Setup, record_drive, run_each
 from lidarnaut.benchmarks.drives.slams import measure_drive
@@ -21,10 +21,10 @@ SLAMS = {
 GOALS: dict[str, Any] = {"goal_tolerance": 0.15, "heading_tolerance": 0.17, "min_distance": 0.5}
 
 
-def explore_and_return(world: str, seed: int, out: Path, goals: int, minutes: float) -> dict[tuple[str, str], float]:
+def explore_and_return(world: str, seed: int, out: Path, goals: int, minutes: float) -> dict[str, float]:
     """Explore, localize and drive to goals in a world; map it again in a random drive of some minutes.
 
-    Returns measures by name and unit. Seed 0 draws pictures to the folder `out`.
+    Returns measures by name with unit. Seed 0 draws pictures to the folder `out`.
     """
     slam, place = SLAMS[world], {"world": world, "robot": "raspimouse", "physics": "bullet"}
     out = out / f"{world}_{seed}"
@@ -49,15 +49,15 @@ def explore_and_return(world: str, seed: int, out: Path, goals: int, minutes: fl
     estimator = make_slam(slam, mapped.robot.lidar, RESOLUTION, odometry_noise=mapped.robot.odometry.noise)
     row, _ = measure_drive(setup, record_drive(setup, seed, 60.0 * minutes), estimator, seed)
     return {
-        ("95 % of the floor", "s"): episode.time_to_95,
-        ("99 % of the floor", "s"): episode.time_to_99,
-        ("map IoU after exploring", ""): episode.map_iou,
-        ("localized", "s"): localized["time"] if localized else math.inf,
-        ("error when localized", "m"): localized["pose_error"][0] if localized else math.inf,
-        (f"goals reached of {goals}", ""): sum(info["end_reason"] == "reached" for info in ends),
-        ("collisions", ""): episode.collisions + ends[-1]["collisions"],
-        (f"map IoU after {minutes:g} minutes", ""): row["map_iou"],
-        (f"position RMSE in {minutes:g} minutes", "m"): row["translation_m"],
+        "95 % of the floor [s]": episode.time_to_95,
+        "99 % of the floor [s]": episode.time_to_99,
+        "map IoU after exploring": episode.map_iou,
+        "localized [s]": localized["time"] if localized else math.inf,
+        "error when localized [m]": localized["pose_error"][0] if localized else math.inf,
+        f"goals reached of {goals}": sum(info["end_reason"] == "reached" for info in ends),
+        "collisions": episode.collisions + ends[-1]["collisions"],
+        f"map IoU after {minutes:g} minutes": row["map_iou"],
+        f"position RMSE in {minutes:g} minutes [m]": row["translation_m"],
     }
 
 
@@ -66,9 +66,6 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
     tasks = [(world, seed, pictures, goals, minutes) for world in SLAMS for seed in range(count)]
     done = run_each(explore_and_return, tasks, jobs, "runs")
     for k, world in enumerate(SLAMS):
-        for name, unit in done[0]:
-            document = 10.0 if world == "turtlebot3_world" and name.endswith("of the floor") else None
-            values = [measures[name, unit] for measures in done[k * count : (k + 1) * count]]
-            best = "most" if name.startswith(("map IoU", "goals")) else "least"
-            figures.append(Figure(f"{world}: {name}", unit, values, document, best))
+        expected = ("95 % of the floor [s]", "99 % of the floor [s]") if world == "turtlebot3_world" else ()
+        figures += figures_of(done[k * count : (k + 1) * count], f"{world}: {{}}", dict.fromkeys(expected, 10.0))
     return figures

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pygame
 
-from lidarnaut.benchmarks.documents.figures import Figure
+from lidarnaut.benchmarks.documents.figures import Figure, figures_of
 from lidarnaut.benchmarks.drives.maps import Panel, draw_maps
 from lidarnaut.benchmarks.drives.recording import Drive, make_setup, random_goals, record, run_each
 from lidarnaut.benchmarks.drives.slams import measure_drive
@@ -64,8 +64,8 @@ KINDS = {
 """Drivers, durations [min] and robots of the drives."""
 
 
-def run_drive(kind: str, seed: int, pictures: Path | None, quick: bool) -> dict[tuple[str, str], float]:
-    """Drive by keyboard, and run each SLAM along the drive; return its errors by name and unit.
+def run_drive(kind: str, seed: int, pictures: Path | None, quick: bool) -> dict[str, float]:
+    """Drive by keyboard, and run each SLAM along the drive; return its errors by name with unit.
 
     Commands are those of `lidarnaut-teleop`. The growing maps are drawn to the folder `pictures`, if given.
     """
@@ -96,12 +96,10 @@ def run_drive(kind: str, seed: int, pictures: Path | None, quick: bool) -> dict[
             saved = load_map(save_map(slam.belief.grid, Path(folder) / "map.png", "scale")).data
         off, of = (poses - drive.truth)[-100:], f"{kind}, {name}:"
         drift = math.degrees(abs(np.mean(np.remainder(off[:, 2] + math.pi, 2.0 * math.pi)) - math.pi))
-        errors[f"{of} map IoU", ""], errors[f"{of} yaw drift", "deg"] = row["map_iou"], drift
-        errors[f"{of} position RMSE", "m"], errors[f"{of} final error", "m"] = (
-            row["translation_m"],
-            math.hypot(*off[-1, :2]),
-        )
-        errors[f"{of} cells changed by saving", ""] = float(np.count_nonzero(saved != slam.belief.grid.data))
+        errors[f"{of} map IoU"], errors[f"{of} yaw drift [deg]"] = row["map_iou"], drift
+        errors[f"{of} position RMSE [m]"] = row["translation_m"]
+        errors[f"{of} final error [m]"] = math.hypot(*off[-1, :2])
+        errors[f"{of} cells changed by saving"] = float(np.count_nonzero(saved != slam.belief.grid.data))
     if pictures is not None:
         view = np.reshape(crop_to_known(setup.area.walls, margin=0).bounds, (2, 2))
         draw_maps(pictures / "robot_vacuum.png", panels, view, "aws_small_house, Create 3")
@@ -110,11 +108,7 @@ def run_drive(kind: str, seed: int, pictures: Path | None, quick: bool) -> dict[
 
 def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure]:
     """Tour a flat by keyboard, and drive into its furniture; measure the maps of `SLAMS`."""
-    count, figures = runs or (1 if quick else 4), []
+    count = runs or (1 if quick else 4)
     tasks = [(kind, k, None if k or kind != "tour" else pictures, quick) for kind in KINDS for k in range(count)]
     done = run_each(run_drive, tasks, jobs, "drives")
-    for first in range(0, len(done), count):
-        for item, unit in done[first]:
-            values = [errors[item, unit] for errors in done[first : first + count]]
-            figures.append(Figure(item, unit, values, None, "most" if item.endswith("IoU") else "least"))
-    return figures
+    return [one for first in range(0, len(done), count) for one in figures_of(done[first : first + count], "{}")]

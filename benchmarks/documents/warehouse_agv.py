@@ -9,7 +9,7 @@ from lidarnaut.benchmarks.arena.publish import run_with_progress
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.benchmarks.arena.trace import Trace, load_curve, slug, trace_path
-from lidarnaut.benchmarks.documents.figures import Figure
+from lidarnaut.benchmarks.documents.figures import Figure, figures_of
 from lidarnaut.envs.files import write_file
 
 SLAMS = {"graph?preset=cartographer": ("frontier:published",), "graph": ("frontier", "nearest")}
@@ -41,16 +41,17 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
             raise RuntimeError(f"{len(failures)} episodes failed, the first one by {failures[0].reason}")
         for policy in policies:
             rows = [row for row in evaluation.rows() if row["policy"] == policy]
-            minutes = [row["time_to_99"] / 60.0 for row in rows]
-            figures += [
-                Figure(f"{policy}: time to explore 99 %", "min", minutes, DOCUMENT_MINUTES),
-                Figure(
-                    f"{policy}: explored share", "%", [100.0 * row["explored_fraction"] for row in rows], best="most"
-                ),
-                Figure(f"{policy}: map IoU", "", [row["map_iou"] for row in rows], best="most"),
-                Figure(f"{policy}: position error", "m", [row["position_rmse"] for row in rows]),
-                Figure(f"{policy}: collisions", "", [row["collisions"] for row in rows]),
+            found = [
+                {
+                    "time to explore 99 % [min]": row["time_to_99"] / 60.0,
+                    "explored share [%]": 100.0 * row["explored_fraction"],
+                    "map IoU": row["map_iou"],
+                    "position error [m]": row["position_rmse"],
+                    "collisions": row["collisions"],
+                }
+                for row in rows
             ]
+            figures += figures_of(found, f"{policy}: {{}}", {"time to explore 99 % [min]": DOCUMENT_MINUTES})
             curves[policy] = [[load_curve(evaluation.folder, row) for row in rows]]
             traces[policy] = Trace.load(trace_path(evaluation.folder, rows[0]))
     grid, bands = sample_curves(curves, "time")

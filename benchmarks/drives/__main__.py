@@ -12,11 +12,10 @@ import tyro
 from rich.table import Table
 
 from lidarnaut.benchmarks.drives.localization import compare_amcl, compare_on_log
-from lidarnaut.benchmarks.drives.localization_times import time_amcl
-from lidarnaut.benchmarks.drives.planning import time_planning
 from lidarnaut.benchmarks.drives.recording import Row
 from lidarnaut.benchmarks.drives.slams import compare_kidnapped, compare_slams
 from lidarnaut.benchmarks.drives.teams import compare_teams
+from lidarnaut.benchmarks.drives.times import time_amcl, time_planning
 from lidarnaut.envs.command_line import make_console, run_command
 
 STAGES: dict[str, Callable[..., list[Row]]] = {

@@ -136,11 +136,6 @@ def test_explorers_of_ones_own_explore_and_enter_the_arena(load, tmp_path):
     assert min(lengths.values()) > 0.2
 
 
-def test_a_robot_localizes_on_its_map_and_drives(load, tmp_path):
-    assert load("localize_and_drive").main(out=tmp_path) == "reached"
-    assert (tmp_path / "map.pgm").exists()
-
-
 def test_a_bag_is_recorded_converted_and_replayed(load, tmp_path):
     conflicts = load("replay_bag").main(out=tmp_path, seconds=6.0)
     assert set(conflicts) == {"hector", "tinyslam"}

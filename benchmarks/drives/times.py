@@ -1,13 +1,17 @@
-"""Benchmark of path planning on complete maps."""
+"""Benchmarks of the processor times of path planning and of AMCL."""
 
+import itertools
 import timeit
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from lidarnaut.benchmarks.drives.recording import RESOLUTION, Row
+from lidarnaut.benchmarks.drives.localization import START_STD, load_known_world, localize, record_from_anywhere
+from lidarnaut.benchmarks.drives.recording import PERIOD, RESOLUTION, Row
 from lidarnaut.envs.arguments import choose_robot
 from lidarnaut.envs.geometry.lines import lengths_along
+from lidarnaut.envs.localization import PRESETS, Amcl
 from lidarnaut.envs.navigation import (
     CostmapParams,
     PlanningMap,
@@ -20,6 +24,10 @@ from lidarnaut.envs.navigation import (
 )
 from lidarnaut.envs.tasks.goals import known_map
 from lidarnaut.envs.worlds import explorable_area, load_world
+
+REPEATS = 5
+USED_SCANS = 0, 1, 2, 4, 8, 16, -1
+"""Scans of global localization whose update times are shown, by number of earlier used scans."""
 
 
 def _least(work: Callable[[], object], repeats: int = 15) -> float:
@@ -67,3 +75,29 @@ def planning_costs(name: str) -> Row:
         "inflate_whole_map_us": _least(lambda: make_costmap(grid, params)),
         "take_a_scan_us": _least(lambda: (planning.integrate(pose, ranges, robot.lidar), planning.layer(0, pose))),
     }
+
+
+def time_amcl() -> list[Row]:
+    """Measure the time of an AMCL update [us] by number of particles, and during global localization."""
+    house = load_known_world("turtlebot3_house")
+    lidar, grid = replace(house.robot.lidar, range_max=15.0), known_map(house.area)
+    setup = house._replace(robot=replace(house.robot, lidar=lidar))
+    drive, spent = record_from_anywhere(setup, np.random.SeedSequence(0), 30.0), dict[tuple[int, str], list[float]]()
+    for n, sensor in [*itertools.product((1000, 2000), ("likelihood_field", "likelihood_field_prob"))] * REPEATS:
+        every_scan = {"update_min_d": 0.0, "update_min_a": 0.0}
+        params = replace(PRESETS["nav2"], min_particles=n, max_particles=n, sensor=sensor, **every_scan)
+        seconds = localize(Amcl(lidar, params), grid, drive, 0, START_STD)["seconds"]
+        spent.setdefault((n, sensor), []).append(1e6 * float(np.median(seconds[20:])))
+    rows: list[Row] = [
+        {"what": sensor, "particles": n, "update_us": float(np.median(times))} for (n, sensor), times in spent.items()
+    ]
+    drive, params = record_from_anywhere(house, np.random.SeedSequence(1), 30.0), PRESETS["default"]
+    amcl = Amcl(house.robot.lidar, params)
+    localize(amcl, grid, drive, 1, None)  # compiles
+    done = localize(amcl, grid, drive, 1, None)
+    used, weighted = np.flatnonzero(done["is_corrected"]), [params.most_particles, *done["num_particles"]]
+    for k in (k for k in USED_SCANS if k < len(used)):
+        what = f"global localization, scan {k % len(used) + 1}, {PERIOD * used[k]:.1f} s"
+        row = {"what": what, "particles": int(weighted[used[k]]), "update_us": 1e6 * float(done["seconds"][used[k]])}
+        rows.append(row)
+    return rows
