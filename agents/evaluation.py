@@ -62,9 +62,7 @@ class Evaluator:
 
     def make_reference(self, name: str) -> Policy:
         """Return a non-learned policy by name or `module:attribute`; raise ValueError if unknown."""
-        from lidarnaut.baselines import (
-            policies_for,
-        )
+        from lidarnaut.baselines import policies_for
 
         self._env.reset(seed=0)  # required by `policies_for`
         policy = make_policy(resolve(name, policies_for(self._env), "policy"), self._env.action_space)

@@ -1,4 +1,4 @@
-"""Benchmarks of SLAM accuracy on the log of a real robot, on simulated drives, and with kidnapped robots.
+"""Benchmarks of SLAM accuracy on simulated drives, and with kidnapped robots.
 
 The true pose controls the robots, so the route is equal for every SLAM. Errors are in the frame of the start pose.
 """
@@ -29,13 +29,11 @@ from lidarnaut.benchmarks.drives.recording import (
 )
 from lidarnaut.envs.command_line import Count
 from lidarnaut.envs.estimation import Estimator
-from lidarnaut.envs.logs import compose_poses, load_log, rms, trajectory_errors
-from lidarnaut.envs.logs.relations import load_labelled
-from lidarnaut.envs.logs.runs import measure, replay
+from lidarnaut.envs.logs import compose_poses, rms, trajectory_errors
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.robots import load_robot
-from lidarnaut.envs.slam import SLAM_NAMES, base_name, make_slam, read_params
+from lidarnaut.envs.slam import SLAM_NAMES, make_slam
 from lidarnaut.envs.tasks.coverage import map_iou
 from lidarnaut.envs.worlds import load_world
 from lidarnaut.envs.worlds.procedural import FAMILIES
@@ -67,32 +65,24 @@ MAX_POSITION_ERROR = 0.5
 def compare_slams(
     slams: tuple[str, ...] = tuple(name for name in SLAM_NAMES if name != "truth"),
     drives: tuple[str, ...] = DRIVES,
-    log: Path | None = None,
-    relations: Path | None = None,
     seeds: Count = 5,
     minutes: float = 10.0,
     physics: Literal["bullet", "kinematic"] = "kinematic",
     tilt: float = 0.0,
     picture: Path | None = None,
 ) -> list[Row]:
-    """Measure SLAM accuracy on simulated drives (RMSE) and on a log (errors of hand-verified relative poses).
-
-    Results are medians over seeds.
+    """Measure the RMSE of SLAMs on simulated drives; results are medians over seeds.
 
     Args:
         slams: names of SLAMs, also with parameters as in `hector?preset=faithful`; `odometry` for raw odometry.
         drives: `WORLD:ROBOT`, names or paths.
-        log: log of a real robot; SLAMs without a preset use `intel`.
-        relations: file of relative poses for the log (Kuemmerle et al., 2009).
-        seeds: drives per world, and runs on the log.
+        seeds: drives per world.
         minutes: duration of a drive [min].
         physics: simulator.
         tilt: lidar pitch, positive down, unknown to the SLAM [deg].
-        picture: also plot the maps of the last drive or of the log to this file.
+        picture: also plot the maps of the last drive to this file.
     """
-    if (log is None) != (relations is None):
-        raise ValueError("--log and --relations go together")
-    rows = [] if log is None or relations is None else compare_on_log(log, relations, slams, seeds, picture)
+    rows = []
     for name in drives:
         world, _, robot_name = name.partition(":")
         robot = load_robot(robot_name)
@@ -115,33 +105,6 @@ def compare_slams(
             length = np.hypot(*np.diff(recorded[-1].truth[:, :2], axis=0).T).sum()
             note = f"{world}: {robot.name}, {robot.lidar.range_max:g} m lidar, {length:.0f} m in {minutes:g} minutes"
             draw_maps(picture, panels, np.reshape(crop_to_known(walls, margin=0).bounds, (2, 2)), note)
-    return rows
-
-
-def compare_on_log(
-    log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds: int, picture: Path | None = None
-) -> list[Row]:
-    """Return each SLAM's median errors over seeds on a real robot's log; plot the last seed's maps to `picture`."""
-    log, relations, rows, panels = load_log(log_path), load_labelled(relations_path), [], []
-    for name in Progress(slams, log_path.stem, leave=False):
-        params, found = read_params(name, "intel"), []
-        slam = make_slam(base_name(name), log.lidar, params.resolution, params)
-        for seed in range(seeds):
-            replayed = replay(log, slam, seed)
-            run = measure(log, slam, name, seed, replayed, relations)
-            error, online = run.errors["final relation error"], run.errors["online relation error"]
-            row = {"translation_m": error.translation, "rotation_deg": error.rotation}
-            if "final unambiguous" in run.errors:
-                row["unambiguous_m"] = run.errors["final unambiguous"].translation
-            row |= {"online_m": online.translation, "ms_per_scan": run.milliseconds, "p99_ms": run.milliseconds_p99}
-            found.append(row)
-        rows.append({"slam": name, "data": log_path.stem, **medians(found)})
-        panels.append(Panel(f"{name}: {row['translation_m']:.3f} m", slam.belief.grid, replayed.final))
-    if picture is not None:
-        # Raw odometry would enlarge the view.
-        inside = [panel.path[:, :2] for name, panel in zip(slams, panels) if name != "odometry" or len(slams) == 1]
-        view = np.array([np.min(np.concatenate(inside), axis=0) - 5.0, np.max(np.concatenate(inside), axis=0) + 5.0])
-        draw_maps(picture, panels, view, f"{log_path.stem}: final maps and poses, mean relation error")
     return rows
 
 

@@ -81,17 +81,6 @@ def test_slams_on_a_drive_are_measured_and_drawn(tmp_path):
     for colour in (style.FREE, style.UNKNOWN):
         assert (np.abs(pixels - colour).max(axis=2) < 12).sum() > 2000
     assert (np.abs(pixels - style.TRUE).max(axis=2) < 60).sum() > 20
-    with pytest.raises(ValueError, match="--log and --relations go together"):
-        compare_slams(log=LOG)
-
-
-@no_log
-def test_a_slam_on_a_log_is_measured_and_drawn(tmp_path):
-    path = tmp_path / "maps.png"
-    (row,) = compare_slams(("hector",), (), LOG, LOG.parent / "intel.relations", seeds=1, picture=path)
-    assert row["translation_m"] < 0.045
-    assert row["unambiguous_m"] < 0.03
-    assert path.stat().st_size > 10_000
 
 
 def test_kidnapped_robots_are_counted_by_world_and_together():
