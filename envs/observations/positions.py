@@ -31,14 +31,18 @@ ROUTE_POINTS = 0.4 * np.arange(10)
 """Distances along the route from the robot to observed route points [m]."""
 
 
-class Goal:
+class TaskPart:
+    """Base class of observations that read attributes of the task."""
+
+    def __init__(self, task: Any) -> None:
+        self._task = task
+
+
+class Goal(TaskPart):
     """Observation of the goal relative to the estimated pose: `Box(-1, 1, (5,), float32)`.
 
     Distance / 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference.
     """
-
-    def __init__(self, task: Any) -> None:
-        self._task = task
 
     def space(self, robot: RobotParams) -> spaces.Box:
         return spaces.Box(-1.0, 1.0, (5,), np.float32)
@@ -81,14 +85,11 @@ class NearGoal(RowPart):
         write_goals(batch.numbers, batch.memory[GOAL_MEMORY], self._tells_distance, batch.active, out)
 
 
-class Home:
+class Home(TaskPart):
     """Observation of the robot's start relative to the estimated pose: `Box(-1, 1, (4,), float32)`.
 
     1 while the robot has to return, else 0; distance / 32 m (at most 1); cosine and sine of the bearing.
     """
-
-    def __init__(self, task: Any) -> None:
-        self._task = task
 
     def space(self, robot: RobotParams) -> spaces.Box:
         return spaces.Box(-1.0, 1.0, (4,), np.float32)
@@ -118,11 +119,8 @@ class PoseUncertainty:
         out[:] = min(math.hypot(x, y), 1.0), min(theta / math.pi, 1.0), robot.belief.is_lost
 
 
-class Battery:
+class Battery(TaskPart):
     """Observation of the battery: `Box(0, 1, (2,), float32)`. Charge (1 is full), and 1 while charging, else 0."""
-
-    def __init__(self, task: Any) -> None:
-        self._task = task
 
     def space(self, robot: RobotParams) -> spaces.Box:
         return spaces.Box(0.0, 1.0, (2,), np.float32)
@@ -172,14 +170,11 @@ class Tracks:
         out[: 5 * len(nearest)] = np.clip(people[nearest] / PEOPLE_RANGES, -1.0, 1.0).ravel()
 
 
-class RouteAhead:
+class RouteAhead(TaskPart):
     """Observation of route points ahead: `Box(-1, 1, (10, 2), float32)`.
 
     Offsets (forward, left) / 5 m of points 0, 0.4, ... 3.6 m ahead, from the estimated pose.
     """
-
-    def __init__(self, task: Any) -> None:
-        self._task = task
 
     def space(self, robot: RobotParams) -> spaces.Box:
         return spaces.Box(-1.0, 1.0, (len(ROUTE_POINTS), 2), np.float32)
