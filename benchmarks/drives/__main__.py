@@ -3,16 +3,15 @@
 import functools
 import json
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.table import Table
 
 from lidarnaut.benchmarks.drives.localization import compare_amcl, compare_on_log
-from lidarnaut.benchmarks.drives.recording import Row
+from lidarnaut.benchmarks.drives.recording import Row, table
 from lidarnaut.benchmarks.drives.slams import compare_kidnapped, compare_slams
 from lidarnaut.benchmarks.drives.teams import compare_teams
 from lidarnaut.benchmarks.drives.times import time_amcl, time_planning
@@ -51,22 +50,6 @@ def main(command: Command) -> None:
     make_console().print(table(rows))
     if command.json is not None:
         command.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-
-
-def table(rows: Sequence[Row]) -> Table:
-    """Return a terminal table of results, transposed if there are more than nine columns."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    lines = [names, *([_cell(row.get(name, "")) for name in names] for row in rows)]
-    if len(names) > 9:
-        lines = [list(line) for line in zip(*lines)]
-    made = Table(*lines[0])
-    for line in lines[1:]:
-        made.add_row(*line)
-    return made
-
-
-def _cell(value: Any) -> str:
-    return "never" if value is None else f"{value:,.4g}" if isinstance(value, float) else str(value)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.table import Table
 
 from lidarnaut.agents.pools import make_pool
 from lidarnaut.envs.estimation import Estimator
@@ -158,3 +159,19 @@ def run_each(work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], jobs: i
 
 def medians(rows: Sequence[Row]) -> Row:
     return {key: float(np.median([row[key] for row in rows])) for key in rows[0]}
+
+
+def table(rows: Sequence[Row], title: str | None = None) -> Table:
+    """Return a terminal table of results, transposed if there are more than nine columns."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    lines = [names, *([_cell(row.get(name, "")) for name in names] for row in rows)]
+    if len(names) > 9:
+        lines = [list(line) for line in zip(*lines)]
+    made = Table(*lines[0], title=title)
+    for line in lines[1:]:
+        made.add_row(*line)
+    return made
+
+
+def _cell(value: Any) -> str:
+    return "never" if value is None else f"{value:,.4g}" if isinstance(value, float) else str(value)

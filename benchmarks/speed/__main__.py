@@ -16,8 +16,8 @@ from typing import Annotated, Any, Literal, get_args
 import tyro
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
-from rich.table import Table
 
+from lidarnaut.benchmarks.drives.recording import table
 from lidarnaut.benchmarks.speed import measuring, parts
 from lidarnaut.benchmarks.speed.designs import DESIGNS
 from lidarnaut.benchmarks.speed.kernels import time_kernels
@@ -68,7 +68,7 @@ def main(
         }
         for stage in Progress([s for s in only if not (quick and s == "growth")], desc="speed", unit="stage"):
             results[stage] = run[stage]()
-            console.print(table(stage, side_by_side(results[stage]) if stage == "designs" else results[stage]))
+            console.print(table(side_by_side(results[stage]) if stage == "designs" else results[stage], stage))
     if json_file is not None:
         json_file.write_text(json.dumps(results, indent=1) + "\n")
     if "growth" in results:
@@ -82,13 +82,6 @@ def side_by_side(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         speed = f"{row['steps_per_second']:,.0f} ({row['ratio']:.0f}x)"
         lines.setdefault(tuple(design.values()), design)[f"{row['bodies']}, {row['slam']}"] = speed
     return list(lines.values())
-
-
-def table(title: str, rows: Sequence[dict[str, Any]]) -> Table:
-    made = Table(*rows[0], title=title)
-    for row in rows:
-        made.add_row(*(f"{value:,.4g}" if isinstance(value, float) else str(value) for value in row.values()))
-    return made
 
 
 def plot_growth(rows: Sequence[dict[str, Any]], path: Path) -> None:
