@@ -71,7 +71,7 @@ class Records:
             columns: names and parsers of the columns of `episodes.csv`.
             settings: settings common to all episodes.
             shard: part of the evaluation to run, such as `1of4`; empty for all.
-            worlds: paths or `module:attribute` of user-defined worlds, by name.
+            worlds: paths or `module:attribute` of user-defined worlds, and preset files of SLAMs, by name.
 
         Raises:
             ValueError: if the folder has other settings or worlds, or unreadable rows.
@@ -106,15 +106,17 @@ class Records:
         self._rows = {Key.of(row): row for row in self._episodes.read()}
         self._failures = {Key.of(row): row["reason"] for row in self._reasons.read()}
         self._known_worlds = {row["world"]: row for row in self._worlds.read()}
-        there = {key.world for key in self._rows}
+        there = {name for key in self._rows for name in (key.world, key.slam)}
         for world, own in self._own_worlds.items():
             known = self._known_worlds.get(world, own)
             if world in there and (known["content"] or known["source"]) != (own["content"] or own["source"]):
                 was, now = known["source"], own["source"]
                 what = f"of an earlier version of {now}" if was == now else f"of {was}, not of {now}"
+                is_world = any(key.world == world for key in self._rows)
+                rename = "give the world another name, as LABEL=PATH, " if is_world else ""
                 raise ValueError(
-                    f"{self.folder} holds episodes in a world {world!r} {what}; give the world another name, as "
-                    "LABEL=PATH, choose another --out, or remove the folder"
+                    f"{self.folder} holds episodes {'in a world' if is_world else 'with'} {world!r} {what}; "
+                    f"{rename}choose another --out, or remove the folder"
                 )
 
     def find(self, key: Key, model: str = "") -> Row | None:
@@ -132,10 +134,11 @@ class Records:
         return None if key in self._rows else self._failures.get(key)
 
     def add(self, row: Row) -> None:
-        own = self._own_worlds.get(row["world"])
-        if own and self._known_worlds.get(row["world"]) != own:
-            self._worlds.append(own)
-            self._known_worlds[row["world"]] = own
+        for name in (row["world"], row["slam"]):
+            own = self._own_worlds.get(name)
+            if own and self._known_worlds.get(name) != own:
+                self._worlds.append(own)
+                self._known_worlds[name] = own
         self._episodes.append(row)
         self._rows[Key.of(row)] = row
 

@@ -22,7 +22,7 @@ from lidarnaut.benchmarks.arena.settings import USUAL, Case, Settings
 from lidarnaut.benchmarks.arena.trace import episode_name, recording_path, trace_path
 from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Job, Result, explain_fault, prepare, run_all
 from lidarnaut.envs.core import lidar_env_of
-from lidarnaut.envs.files import Lock, own_folder, write_file
+from lidarnaut.envs.files import Lock, own_folder, split_parameters, write_file
 from lidarnaut.envs.ids import CHOOSE
 from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
@@ -88,6 +88,8 @@ class Evaluation:
         worlds = {key.world: task.case.world for key, task in self._all_tasks.items()}
         known = {USUAL, *WORLD_NAMES, *BARN_NAMES, *FAMILIES}
         own_worlds = {name: world for name, world in worlds.items() if world not in known}
+        presets = {key.slam: split_parameters(key.slam)[1].get("preset", "") for key in self._all_tasks}
+        own_worlds |= {slam: preset for slam, preset in presets.items() if Path(str(preset)).is_file()}
         common = {"time_limit": settings.time_limit, "id": settings.id}
         common["arguments"] = json.loads(json.dumps(settings.arguments, default=repr))
         self._records = Records(folder, self.columns, common, self._shard, own_worlds)

@@ -36,6 +36,8 @@ class Command:
 def main(command: Command) -> list[Figure]:
     """Run the experiment of a document; print its figures beside those of the document, and draw its pictures."""
     experiment = importlib.import_module(f"lidarnaut.benchmarks.documents.{command.name}")
+    if command.json is not None and command.json.is_dir():
+        raise ValueError(f"--json {command.json} is a folder; give a file")
     pictures = command.pictures or Path("runs/documents") / command.name
     for path in (pictures, command.json and command.json.parent):
         if path is not None:

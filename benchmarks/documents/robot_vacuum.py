@@ -14,7 +14,6 @@ from lidarnaut.benchmarks.documents.figures import Figure, figures_of
 from lidarnaut.benchmarks.drives.maps import Panel, draw_maps
 from lidarnaut.benchmarks.drives.recording import Drive, make_setup, random_goals, record, run_each
 from lidarnaut.benchmarks.drives.slams import measure_drive
-from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.slam import make_slam
@@ -79,10 +78,8 @@ def run_drive(kind: str, seed: int, pictures: Path | None, quick: bool) -> dict[
             yield v * robot.max_v, w * min(robot.max_w, TURN_RATE)
 
     drive = record(setup, start, *np.random.default_rng(seed).spawn(2), 30.0 if quick else 60.0 * minutes, press)
-    truth = [Pose2D(*pose) for pose in drive.truth]
-    exact = np.array([truth[max(k - 1, 0)].between(pose) for k, pose in enumerate(truth)])
     variants = {
-        "true poses": replace(drive, motions=exact),
+        "true poses": drive.at_true_poses(),
         "default, bumper ignored": replace(drive, bumper=np.zeros_like(drive.bumper)),
     }
     errors, panels = {}, []

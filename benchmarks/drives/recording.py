@@ -4,7 +4,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -59,6 +59,11 @@ class Drive:
     """True poses (x, y, heading) in the world frame, or reference poses of a log: shape (n, 3), float64 [m, m, rad]."""
     bumper: np.ndarray
     """Contacts since the previous scan, shape (n,), bool."""
+
+    def at_true_poses(self) -> "Drive":
+        """Return the drive with true motions instead of odometry."""
+        poses = [Pose2D(*pose) for pose in self.truth.tolist()]
+        return replace(self, motions=np.array([before.between(pose) for before, pose in zip(poses[:1] + poses, poses)]))
 
     def then(self, other: "Drive", scans: int) -> "Drive":
         """Return a drive with a kidnapped robot: the first `scans` scans, then `other`, without odometry in between."""

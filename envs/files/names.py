@@ -38,14 +38,16 @@ def split_parameters(name: str) -> tuple[str, dict[str, Any]]:
     """Split `NAME?KEY=VALUE,KEY=VALUE` into the name and its parameters, with values in YAML.
 
     Raises:
-        ValueError: a parameter is not of the form KEY=VALUE.
+        ValueError: a parameter is not of the form KEY=VALUE, or occurs twice.
     """
     base, _, text = name.partition("?")
     values: dict[str, Any] = {}
-    for word in filter(None, re.split(r",(?=\w+=)", text)):
+    for word in re.split(r",(?=\w+=)", text) if "?" in name else ():
         key, sign, value = word.partition("=")
         if not (sign and key.isidentifier()):
             raise ValueError(f"{SHORT.repr(name)}: parameters have the form NAME?KEY=VALUE,KEY=VALUE, got {word!r}")
+        if key in values:
+            raise ValueError(f"{SHORT.repr(name)}: parameter {key} is given twice")
         try:
             values[key] = yaml.safe_load(value)
         except yaml.YAMLError as error:

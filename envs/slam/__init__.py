@@ -92,8 +92,10 @@ def make_slam(
         if odometry_noise is not None:
             changes["odometry_noise"] = odometry_noise
         return SLAMS[base](lidar, read_params(name, preset, changes))
-    unknown = name.partition("?")[0] if isinstance(name, str) else name
-    found: Any = resolve(unknown, dict[str, Any](SLAMS), "SLAM")
+    custom, values = split_parameters(name) if isinstance(name, str) else (name, {})
+    found: Any = resolve(custom, dict[str, Any](SLAMS), "SLAM")
+    if values:
+        raise ValueError(f"slam {name!r}: only SLAMs of this package take parameters: {', '.join(SLAMS)}")
     if callable(found):
         return found(lidar, resolution)
     if not hasattr(found, "update"):

@@ -277,6 +277,8 @@ def load_params(preset: str | Path | Any, changes: Mapping[str, Any] | None = No
         FileNotFoundError: if the file does not exist.
     """
     found = resolve(preset, dict(PRESETS[slam]), f"preset of {slam}", files=True)
+    if not isinstance(found, (Path, KINDS[slam])):
+        raise ValueError(f"preset of {slam} must be a name, a YAML file or {KINDS[slam].__name__}, got {found!r}")
     values = read_mapping(found) if isinstance(found, Path) else asdict(found)
     source = str(found) if isinstance(found, Path) else "params"
     return parse_record({**values, **(changes or {})}, source, KINDS[slam])

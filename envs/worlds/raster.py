@@ -121,6 +121,10 @@ def check_world(world: World) -> World:
     if not world.spawns:
         raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
     numbers = [(what, getattr(world, what)) for what in ("bounds", "segments", "circles", "spawns", "goals", "docks")]
+    rows = world.magnets if getattr(world.magnets, "dtype", None) == np.float64 else np.empty(0)
+    if rows.shape[1:] != (4,) or not np.isfinite(rows).all() or (rows[:, 3] <= 0.0).any():
+        allowed = "an array of shape (k, 4), float64, of finite x, y, strength and positive decay"
+        raise ValueError(f"world {world.name!r}: magnets must be {allowed}, got {world.magnets!r}")
     for what, values in numbers + [("people", person.waypoints) for person in world.people]:
         farthest = np.abs(np.asarray(values, dtype=np.float64)).max(initial=0.0)
         if not farthest <= MAX_COORDINATE:

@@ -13,7 +13,7 @@ def test_the_short_experiment_measures_and_draws(tmp_path, capsys):
     for policy in ("frontier:published", "frontier", "nearest"):
         assert 10.0 < by_item[f"{policy}: explored share"].median < 99.0
         assert 0.1 < by_item[f"{policy}: map IoU"].median < 0.9
-        assert by_item[f"{policy}: position error"].median < 0.1
+        assert by_item[f"{policy}: position error (RMS)"].median < 0.1
         assert by_item[f"{policy}: time to explore 99 %"].is_better(19.0)
     assert "not reached" in capsys.readouterr().out
     rows = json.loads((tmp_path / "figures.json").read_text())

@@ -3,6 +3,8 @@ import json
 import pytest
 
 from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key, Records
+from lidarnaut.benchmarks.arena.runner import Evaluation
+from lidarnaut.benchmarks.arena.settings import Settings
 from tests.benchmarks.explorations import COLUMNS
 
 SETTINGS = {"time_limit": 12.5}
@@ -143,3 +145,15 @@ def test_a_map_whose_image_has_changed_is_another_world(tmp_path):
     (tmp_path / "a.pgm").write_bytes(b"two")
     with pytest.raises(ValueError, match=r"in a world 'maze' of an earlier version of .*a\.yaml; give"):
         records_of(folder, **worlds)
+
+
+def test_a_changed_preset_file_of_a_slam_is_noticed(tmp_path):
+    (preset := tmp_path / "own.yaml").write_text("sigma_xy: 0.03\n")
+    slam = f"tinyslam?preset={preset}"
+    settings = Settings(policies=("random",), worlds=("turtlebot3_stage_1",), slam=(slam,), time_limit=1.0, episodes=1)
+    evaluation = Evaluation(settings, tmp_path / "out")
+    assert not evaluation.run()
+    Evaluation(settings, tmp_path / "out")
+    preset.write_text("sigma_xy: 0.1\n")
+    with pytest.raises(ValueError, match=r"with 'tinyslam\?preset=.*' of an earlier version of .*own\.yaml; choose"):
+        Evaluation(settings, tmp_path / "out")

@@ -140,3 +140,18 @@ def test_trainings_take_parameters(tmp_path: Path) -> None:
     config = parse_record({**data, "hyperparameters": hyperparameters}, "spec", TrainingConfig)
     run = train(config, run=tmp_path / "run", progress=False)
     assert f"slam: {SPEC}" in (run / "config.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("hector?", "NAME\\?KEY=VALUE"),
+        ("tinyslam?preset=", "preset of tinyslam must be a name"),
+        ("tinyslam?preset=3", "preset of tinyslam must be a name"),
+        ("tinyslam?sigma_xy=0.1,sigma_xy=0.2", "sigma_xy is given twice"),
+        ("tests.slam.rooms:make_small?sigma_xy=0.1", "only SLAMs of this package take parameters"),
+    ],
+)
+def test_parameters_that_would_have_no_effect_are_refused(name: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make_slam(name, LIDAR)

@@ -1,10 +1,12 @@
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lidarnaut.envs.worlds import load_world
+from lidarnaut.envs.worlds.raster import check_world
 
 GOOD = """
 source: here
@@ -95,3 +97,20 @@ def test_a_changed_file_is_read_again(tmp_path):
     (tmp_path / "hall.yaml").write_text(GOOD.replace("0.25]]", "0.35]]"))
     os.utime(tmp_path / "hall.yaml", ns=(1, 1))
     assert load_world(tmp_path / "hall.yaml").circles[0, 2] == 0.35
+
+
+@pytest.mark.parametrize(
+    "magnets",
+    [
+        np.array([[1.0, 1.0, math.nan, 3.0]]),
+        np.array([[1.0, 1.0, 0.1, 0.0]]),
+        np.array([[1.0, 1.0, 0.1]]),
+        np.array([1.0, 1.0, 0.1, 3.0]),
+        [(1.0, 1.0, 0.1, 3.0)],
+    ],
+)
+def test_magnets_of_worlds_in_memory_are_checked(magnets):
+    world = load_world("turtlebot3_world")
+    assert check_world(replace(world, magnets=np.array([[1.0, 1.0, 0.1, 3.0]])))
+    with pytest.raises(ValueError, match=r"magnets must be an array of shape \(k, 4\)"):
+        check_world(replace(world, magnets=magnets))
