@@ -94,7 +94,11 @@ def spiral(free: np.ndarray, width: int, start: tuple[int, int]) -> list[Patch]:
 
 
 class SweepNavigator(GoalNavigator):
-    """Sweeps the floor of a known map: the nearest tour first, then lanes and points on the rest of the floor."""
+    """Sweeps the floor of a known map in passes, until the episode ends or no floor is left.
+
+    The first pass drives tours, the nearest first. Each further pass drives nearer to walls: lanes, then single cells,
+    on floor that the previous pass has not swept by the pose estimate, which is inaccurate.
+    """
 
     def __init__(self, make_tours: Callable[[np.ndarray, int, tuple[int, int]], list[Patch]]) -> None:
         """Create a policy; `make_tours`: a function such as `boustrophedon`."""
@@ -103,66 +107,78 @@ class SweepNavigator(GoalNavigator):
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         super().reset(robot, control_period, rng)
-        self._patches: list[Patch] | None = None
-        self._waypoints: list[tuple[float, float]] = []
-        self._position = 0.0, 0.0
+        self._num_passes, self._patches, self._waypoints = 0, list[Patch](), list[tuple[float, float]]()
+        self._driven: list[tuple[float, ...]] = []  # lines (x0, y0, x1, y1) of the pass [m]
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        if self._patches is None and belief.is_lost:  # drives by the scan until AMCL has found the pose
+        pose = belief.pose
+        if not self._num_passes and belief.is_lost:  # drives by the scan until AMCL has found the pose
             if self.goal is None:
-                self.set_goal(belief.pose[:2])
+                self.set_goal(pose[:2])
             return super().act(reading, belief)
-        if self._patches is None:
-            self._begin(belief)
-        self._mark(*self._position, *belief.pose[:2])
-        self._position = belief.pose[:2]
+        if not self._num_passes:
+            self._follow_map(belief)
+            self._position = pose[:2]
+            self._advance(pose)
+        self._driven.append((*self._position, *pose[:2]))
+        self._mark(*self._driven[-1])
+        self._position = pose[:2]
         twist = super().act(reading, belief)
-        ((x, y),) = belief.pose.inverse().transform(np.array([self.target or self._position]))
+        ((x, y),) = pose.inverse().transform(np.array([self.target or self._position]))
         is_at_wall = self._has_path and twist.v <= 0.0 and 4.0 * abs(y) < x < 2.0 * self._robot.radius
         if is_at_wall or self.end_reason in ("arrived", "no_path", "stuck"):
-            self._advance(belief.pose)
+            self._advance(pose)
         return twist
 
-    def _begin(self, belief: Belief) -> None:
-        planning, self._position = self._follow_map(belief), belief.pose[:2]
-        costmap, self._grid = planning.costmap(0, belief.pose), planning.grid
-        field = travel_field(costmap, self._position)
-        is_reached = False if field is None else np.isfinite(field.costs)
-        self._free = (costmap.costs < COST_INSCRIBED) & is_reached
-        self._unswept = self._near(self._free, self._robot.radius)
-        self._width, self._is_second = max(1, int(2.0 * self._robot.radius / planning.side - OVERLAP)), False
-        self._patches = self._make_tours(self._free, self._width, planning.cell(*self._position))
-        self._advance(belief.pose)
+    def _advance(self, pose: Pose2D) -> None:
+        num_passes = self._num_passes
+        while not (self._waypoints or self._choose_tour(pose)):
+            if self._num_passes == num_passes + 2:  # One of two passes in succession sweeps all floor.
+                self.end_reason = "no_floor_left"
+                return
+            self._begin_pass(pose)
+        self.set_goal(self._waypoints.pop(0))
+
+    def _begin_pass(self, pose: Pose2D) -> None:
+        assert self.map is not None
+        is_first, radius = not self._num_passes, self._robot.radius
+        self._num_passes += 1
+        self._costmap, self._grid = self.map.costmap(0 if is_first else 1, pose), self.map.grid
+        field = travel_field(self._costmap, pose[:2])
+        self._free = (self._costmap.costs < COST_INSCRIBED) & (False if field is None else np.isfinite(field.costs))
+        self._unswept = self._near(self._free, radius)
+        for line in self._driven:
+            self._mark(*line)
+        self._driven.clear()
+        self._tolerance = self.params.goal_tolerance if is_first else self._grid.resolution
+        rest = self._free if is_first else self._free & self._near(self._wide(), 0.5 * radius)
+        make_tours = self._make_tours if is_first else boustrophedon
+        width = max(1, int(2.0 * radius / self._grid.resolution - OVERLAP))
+        self._patches = make_tours(rest, width, self.map.cell(*pose[:2]))
 
     def _near(self, floor: np.ndarray, reach: float) -> np.ndarray:
         return np.asarray(ndimage.distance_transform_edt(~floor) * self._grid.resolution <= reach)
 
+    def _wide(self) -> np.ndarray:
+        return np.asarray(ndimage.binary_opening(self._unswept, np.ones((3, 3), dtype=bool)))
+
     def _mark(self, *line: float) -> None:
         sweep(self._unswept, Frame(*self._grid.origin, self._grid.resolution), np.array([line]), self._robot.radius)
 
-    def _advance(self, pose: Pose2D) -> None:
-        assert self.map is not None
-        if not self._waypoints:
-            field = travel_field(self.map.costmap(0, pose), pose[:2])
-            tour = () if field is None else self._grid.centers(self._next_tour(field.costs))
-            self._waypoints = [(x, y) for x, y in tour]
-        if self._waypoints:
-            self.set_goal(self._waypoints.pop(0))
-        else:
-            self.end_reason = "swept"
+    def _choose_tour(self, pose: Pose2D) -> bool:
+        field = travel_field(self._costmap, pose[:2]) if self._num_passes else None
+        self._waypoints = [] if field is None else [(x, y) for x, y in self._grid.centers(self._next_tour(field.costs))]
+        return bool(self._waypoints)
 
     def _next_tour(self, costs: np.ndarray) -> np.ndarray:
-        wide, reach = ndimage.binary_opening(self._unswept, np.ones((3, 3), dtype=bool)), 0.5 * self._robot.radius
-        if not self._patches and not self._is_second:
-            rest = self._free & self._near(wide, reach)
-            self._is_second, self._patches = True, boustrophedon(rest, self._width, (0, 0))
         if self._patches:
             tours = [(costs[tuple(tour[0])], k, tour) for k, patch in enumerate(self._patches) for tour in patch]
             _, k, tour = min(tours, key=lambda one: one[:2])
             del self._patches[k]
             return tour
-        for floor in (wide, self._unswept):
-            rest = np.where(self._free & self._near(floor, reach), costs, np.inf)
+        floors = () if self._num_passes == 1 else ((self._wide(), 0.5), (self._unswept, 0.5), (self._unswept, 1.0))
+        for floor, reach in floors:
+            rest = np.where(self._free & self._near(floor, reach * self._robot.radius), costs, np.inf)
             if math.isfinite(rest.min()):
                 cell = np.array(np.unravel_index(rest.argmin(), rest.shape))
                 self._mark(*self._grid.centers(cell), *self._grid.centers(cell))  # one visit is enough

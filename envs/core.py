@@ -476,11 +476,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Set the next goal, (x, y, theta) or (x, y), map frame [m, rad], and continue the episode.
 
         Raises:
-            ValueError: if the goal is not finite or not reachable; the previous goal stays.
+            ValueError: if the goal is not finite or not reachable, or the task has no goal; the previous goal stays.
             gymnasium.error.ResetNeeded: if no episode has begun.
         """
-        self.check_begun()
-        self._set_time_limit(self.time + self.task.set_goal(goal))
+        self._set_time_limit(self.time + self._of_task("set_goal")(goal))
         self.plan = None
 
     def set_initial_pose(self, pose: Sequence[float] | str) -> None:
@@ -489,11 +488,16 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         `pose`: (x, y, theta), map frame [m, rad]; or `"unknown"` for global localization.
 
         Raises:
-            ValueError: if the pose is not finite or outside of the map, or the localizer is not AMCL.
+            ValueError: if the pose is not finite or outside of the map, or the task has no AMCL.
             gymnasium.error.ResetNeeded: if no episode has begun.
         """
+        self._of_task("set_initial_pose")(pose)
+
+    def _of_task(self, method: str) -> Any:
         self.check_begun()
-        self.task.set_initial_pose(pose)
+        if not hasattr(self.task, method):
+            raise ValueError(f"task {type(self.task).__name__} does not support {method}")
+        return getattr(self.task, method)
 
     def _next_world(self, wanted: Any) -> World:
         (sampler, before, after, world), self._prepared = self._prepared, (None,) * 4

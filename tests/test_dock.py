@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -12,6 +13,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation.docking import DOCK_GAP, approach, find_front
 from lidarnaut.envs.tasks.dock import Dock, with_stations
 from lidarnaut.envs.worlds import load_world
+from tests.rooms import make_room
 
 STOP = np.zeros(2, dtype=np.float32)
 WAREHOUSE = {"world": "tugbot_warehouse", "robot": "tugbot", "physics": "kinematic"}
@@ -79,6 +81,43 @@ def test_the_policy_stays_at_the_station_until_the_battery_is_charged():
     assert docked.sum() > 30
 
 
+def test_the_time_limit_includes_charging():
+    env = LidarEnv(Dock, **DOCKED, target_charge=0.8)
+    env.reset(seed=0)
+    battery, without = env.robot.battery, LidarEnv(Dock, **DOCKED)
+    without.reset(seed=0)
+    charging = 3600.0 * 0.8 * battery.capacity / battery.charging_power
+    assert env.time_limit - without.time_limit == pytest.approx(charging, abs=10.0)
+
+
+@pytest.mark.parametrize(("min_distance", "expected"), [(1.0, {5.7, 1.0}), (3.0, {5.7}), (100.0, {5.7})])
+def test_a_random_dock_is_not_near_if_another_is_far(min_distance, expected):
+    docks = Pose2D(5.9, 2.0, 0.0), Pose2D(1.0, 3.9, 0.5 * math.pi)
+    world = replace(make_room(0.0, 0.0, 6.0, 4.0, spawn=Pose2D(1.0, 1.0, 0.0)), docks=docks)
+    settings = {"world": world, "start": "spawn", "physics": "kinematic", "localizer": "truth"}
+    env, found = LidarEnv(Dock, **settings, min_distance=min_distance), set()
+    for seed in range(8):
+        env.reset(seed=seed)
+        found.add(round(env.task.goal.x, 1))
+    assert found == expected
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"start_charge": ("a", "b")}, "start_charge must be"),
+        ({"start_charge": None}, "start_charge must be"),
+        ({"start_charge": (0.3, 0.1)}, "start_charge must be"),
+        ({"target_charge": "x"}, "target_charge must lie"),
+        ({"target_charge": None}, "target_charge must lie"),
+        ({"min_distance": -1.0}, "min_distance must be"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        LidarEnv(Dock, **WAREHOUSE, **arguments)
+
+
 def test_an_empty_battery_ends_the_episode():
     env = LidarEnv(Dock, **WAREHOUSE, start=(12.0, -10.0, 0.0), start_charge=(2e-4, 2e-4))
     env.reset(seed=0)
@@ -131,7 +170,7 @@ def test_stations_are_solid_and_need_docks():
     world = load_world("aws_small_house")
     assert len(with_stations(world).segments) == len(world.segments) + 4
     assert with_stations(world) is with_stations(world)
-    with pytest.raises(ValueError, match="'turtlebot3_world' has no docks"):
+    with pytest.raises(ValueError, match="'turtlebot3_world' has no docks; choose tugbot_warehouse, aws_small_house"):
         LidarEnv(Dock, world="turtlebot3_world", physics="kinematic").reset(seed=0)
     env = LidarEnv(Dock, world="turtlebot3_world", physics="kinematic", goal=(-0.55, -0.5, 0.0))
     assert env.reset(seed=0)[1]["charge"] > 0.0

@@ -296,3 +296,13 @@ def test_maps_of_explorations_begin_at_the_spawn():
     assert env.world.spawns[0][:2] == pytest.approx(spawn[:2])
     with pytest.raises(ValueError, match="map_pose must be 'spawn' or"):
         LidarEnv(Navigate, **TRUE, map_pose="start")
+
+
+@pytest.mark.parametrize(
+    ("task", "method"), [("Sweep", "set_goal"), ("Explore", "set_goal"), ("Explore", "set_initial_pose")]
+)
+def test_tasks_without_goal_or_localizer_say_so(task, method):
+    env = gymnasium.make(f"lidarnaut/{task}-v0", physics="kinematic").unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=f"task {task} does not support {method}"):
+        getattr(env, method)((0.0, 0.0, 0.0))

@@ -3,6 +3,7 @@ import math
 import gymnasium
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines import policies_for
@@ -58,6 +59,41 @@ def test_classic_policies_sweep_a_room(name, least):
     assert (episode.end_reason, episode.collisions) == ("swept", 0)
     # At most twice the length of lanes without overlap.
     assert episode.path_length < 2.0 * least * env.task.floor_area / (2.0 * env.robot.radius)
+
+
+@pytest.mark.parametrize("name", ["boustrophedon", "spiral"])
+@pytest.mark.parametrize(
+    ("world", "robot"), [("pimouse_arena", "raspimouse"), (make_room(0, 0, 4, 4, spawn=Pose2D(1.0, 1.0, 0.0)), None)]
+)
+def test_policies_sweep_on_until_the_target_with_inaccurate_poses(world, robot, name):
+    env = LidarEnv(Sweep, world=world, robot=robot, physics="kinematic", start="spawn")
+    env.reset(seed=0)
+    assert run_episode(env, policies_for(env)[name](), 0).end_reason == "swept"
+
+
+def test_a_policy_goes_on_until_the_time_limit_if_floor_is_left(monkeypatch):
+    small = make_room(0.0, 0.0, 0.6, 0.6, spawn=Pose2D(0.3, 0.3, 0.0))
+    env = LidarEnv(Sweep, **SETTINGS | {"world": small, "robot": "create3"}, target_swept=1.0, time_limit=40.0)
+    env.reset(seed=0)
+    episode = run_episode(env, policies_for(env)["boustrophedon"](), 0)
+    assert (episode.end_reason, episode.collisions) == ("time_limit", 0)
+    assert episode.swept_fraction > 0.6
+    monkeypatch.setattr("lidarnaut.baselines.sweep.travel_field", lambda *_: None)  # no reachable floor
+    env.reset(seed=0)
+    assert run_episode(env, policies_for(env)["boustrophedon"](), 0).end_reason == "no_floor_left"
+
+
+def test_cells_at_walls_that_the_body_cannot_reach_are_no_floor():
+    env = LidarEnv(Sweep, world="pimouse_arena", robot="raspimouse", physics="kinematic", start="spawn")
+    env.reset(seed=0)
+    area, side = env.task.area, env.task.area.walls.resolution
+    to_wall = ndimage.distance_transform_edt(area.walls.data == 0, sampling=side)
+    stands = np.argwhere(to_wall > env.robot.radius + 0.5 * side)
+    assert len(stands) < area.traversable.sum()
+    floor = np.argwhere(env.task.unswept)
+    away = np.sqrt(((floor[:, None] - stands) ** 2).sum(axis=2)).min(axis=1) * side
+    assert away.max() <= env.robot.radius
+    assert env.task.floor_area == pytest.approx(1.96, abs=0.01)
 
 
 def test_a_lost_robot_is_localized_before_the_plan():

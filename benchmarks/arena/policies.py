@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from gymnasium import spaces
+from pydantic import ValidationError
 
 from lidarnaut.agents.policies import Level, level_of, make_policy, needed_arguments
 from lidarnaut.baselines import CLASSIC, EXPLORERS
 from lidarnaut.baselines.policy import GROUND_TRUTH, marked
 from lidarnaut.baselines.policy import Policy as Driver
-from lidarnaut.envs.files import explain_unknown, load_object, resolve, split_parameters
+from lidarnaut.envs.files import explain_errors, explain_unknown, load_object, resolve, split_parameters
 
 Makers = Mapping[str, Callable[[], Any]]
 """Constructors of the classic (not learned) policies for a task, by name."""
@@ -128,7 +129,10 @@ def make_changed(make: Callable[..., Any], changes: Mapping[str, Any]) -> Any:
         known = {one.name: getattr(params, one.name) for one in fields(params)}
         allowed.extend(known)
         taken = {name: pending.pop(name) for name in known.keys() & pending.keys()}
-        return replace(params, **{k: float(v) if isinstance(known[k], float) else v for k, v in taken.items()})
+        try:
+            return replace(params, **{k: float(v) if isinstance(known[k], float) else v for k, v in taken.items()})
+        except ValidationError as error:
+            raise ValueError("; ".join(explain_errors(error, type(params)))) from None
 
     own = getattr(signature(make).parameters.get("params"), "default", None)
     policy = make(changed(own)) if is_dataclass(own) else make()

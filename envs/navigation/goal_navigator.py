@@ -3,12 +3,13 @@
 import logging
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
+from pydantic import NonNegativeFloat, NonNegativeInt
+from pydantic.dataclasses import dataclass
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.tracking import PeopleTracker, TrackerParams
@@ -117,27 +118,27 @@ class GoalParams:
     """Track people in scans, for local planners that predict their motion."""
     allow_unknown: bool | None = None
     """Allow paths through unknown space; None: only on maps that grow during the drive."""
-    goal_tolerance: float = 0.15
+    goal_tolerance: NonNegativeFloat = 0.15
     """Distance to the goal that counts as arrival [m]."""
-    search_radius: float = 0.0
+    search_radius: NonNegativeFloat = 0.0
     """Radius of the search around the goal if arrival does not end the task [m]; 0 for none."""
-    heading_tolerance: float = 0.15
+    heading_tolerance: NonNegativeFloat = 0.15
     """Heading tolerance at the goal [rad]."""
-    update_period: float = 0.3
+    update_period: NonNegativeFloat = 0.3
     """Time between scans integrated into the costmap [s]."""
-    check_period: float = 0.3
+    check_period: NonNegativeFloat = 0.3
     """Time between checks that the path is free [s]."""
-    stray_distance: float = 0.5
+    stray_distance: NonNegativeFloat = 0.5
     """Distance from the path that triggers replanning [m]."""
-    max_recoveries: int = 6
+    max_recoveries: NonNegativeInt = 6
     """Maximum number of recovery behaviors per goal."""
-    max_searches: int = 1
+    max_searches: NonNegativeInt = 1
     """Number of failed path searches that ends the drive. The robot looks around between searches."""
-    lost_patience: float = 5.0
+    lost_patience: NonNegativeFloat = 5.0
     """Time without localization before reactive driving by the scan [s]. Localization often recovers earlier."""
-    lost_time: float = 90.0
+    lost_time: NonNegativeFloat = 90.0
     """Maximum time of reactive driving without localization [s]."""
-    blind_time: float = 5.0
+    blind_time: NonNegativeFloat = 5.0
     """Maximum time without a valid lidar range [s]."""
 
 

@@ -1,45 +1,49 @@
 """Parameters of planning and navigation."""
 
 import math
-from dataclasses import dataclass
+from typing import Annotated
 
-import pydantic
-from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
+from pydantic.dataclasses import dataclass
 
 from lidarnaut.envs.navigation.costmap import CostmapParams
+
+Samples = Annotated[int, Field(ge=1, le=200)]
+Granularity = Annotated[float, Field(ge=0.005, le=1.0)]
+Weight = Annotated[float, Field(ge=0, le=1e6)]
 
 
 @dataclass(frozen=True, slots=True)
 class PlanningParams:
     """Parameters of path planning and frontier detection."""
 
-    cell: float = 0.1
+    cell: PositiveFloat = 0.1
     """Side of a planning cell, a block of map cells, at most the robot's radius [m]."""
-    padding: float = 0.03
+    padding: NonNegativeFloat = 0.03
     """Footprint padding in planning [m], for half a map cell and noise of the pose estimate."""
-    tight_radii: tuple[float, ...] = (1.0, 0.75, 0.5)
+    tight_radii: tuple[PositiveFloat, ...] = (1.0, 0.75, 0.5)
     """Footprint radii tried in order if the padded footprint does not fit, as fractions of the robot's radius."""
-    inflation: float = 0.45
+    inflation: NonNegativeFloat = 0.45
     """Width of the zone with increased costs around the footprint [m]."""
-    cost_scaling_factor: float = 4.0
+    cost_scaling_factor: NonNegativeFloat = 4.0
     """Exponential decay rate of the inflation cost with distance [1/m]."""
-    marking_range: float = 2.5
+    marking_range: NonNegativeFloat = 2.5
     """Maximum range for marking scanned obstacles that the map lacks [m] (Nav2's `obstacle_max_range`)."""
-    clearing_range: float = 3.0
+    clearing_range: NonNegativeFloat = 3.0
     """Maximum range for clearing marked obstacles along beams [m] (Nav2's `raytrace_max_range`)."""
-    same_obstacle: float = 0.15
+    same_obstacle: NonNegativeFloat = 0.15
     """Scanned obstacles within this distance of an occupied map cell count as already mapped [m]."""
-    min_lengths: tuple[float, ...] = (0.4, 0.15)
+    min_lengths: tuple[NonNegativeFloat, ...] = (0.4, 0.15)
     """Minimum frontier lengths [m], tried in order until a frontier is reachable."""
-    max_extent: float = 2.0
+    max_extent: NonNegativeFloat = 2.0
     """Maximum extent of a frontier [m]. Longer frontiers are split."""
-    view_distances: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
+    view_distances: tuple[NonNegativeFloat, ...] = (0.0, 0.3, 0.6, 1.0)
     """Maximum viewing distances to a frontier [m], tried in order until a reachable cell sees the frontier."""
-    detour: float = 3.0
+    detour: NonNegativeFloat = 3.0
     """Additional path cost accepted for a viewpoint nearer to the frontier [m]."""
-    view_range: float = 8.0
+    view_range: NonNegativeFloat = 8.0
     """Radius for counting unknown area in view of a viewpoint [m], limited by the lidar's range."""
-    heading_distance: float = 0.6
+    heading_distance: NonNegativeFloat = 0.6
     """The heading change to a frontier is measured at this distance along its path [m]; an input of policies."""
 
     def costmap(self, robot_radius: float) -> CostmapParams:
@@ -51,44 +55,44 @@ class PlanningParams:
 class NavigatorParams:
     """Parameters of drives: end conditions and recovery."""
 
-    min_time: float = 1.0
+    min_time: NonNegativeFloat = 1.0
     """Minimum drive time before a vanished frontier ends the drive [s]."""
-    replan_time: float = 4.0
+    replan_time: NonNegativeFloat = 4.0
     """Interval between replans of the path during a drive [s]."""
-    goal_tolerance: float = 1.6
+    goal_tolerance: NonNegativeFloat = 1.6
     """Distance to the goal that counts as arrival, in robot radii, limited by `max_goal_tolerance`."""
-    max_goal_tolerance: float = 0.2
+    max_goal_tolerance: NonNegativeFloat = 0.2
     """Maximum distance to the goal that counts as arrival [m]."""
-    frontier_radius: float = 0.4
+    frontier_radius: NonNegativeFloat = 0.4
     """Radius around the chosen frontier [m]; the drive ends early when no frontier cell is left inside."""
-    stall_time: float = 3.0
+    stall_time: NonNegativeFloat = 3.0
     """Time without translation or rotation that triggers a recovery behavior [s]."""
-    stall_angle: float = 0.3
+    stall_angle: NonNegativeFloat = 0.3
     """Minimum heading change that counts as rotation in the detection of stalls [rad]."""
-    max_recoveries: int = 3
+    max_recoveries: NonNegativeInt = 3
     """Maximum number of recovery attempts per drive."""
-    stuck_distance: float = 0.5
+    stuck_distance: NonNegativeFloat = 0.5
     """Minimum distance to cover within `stuck_time` [m]; otherwise the drive fails."""
-    stuck_time: float = 10.0
+    stuck_time: NonNegativeFloat = 10.0
     """The drive fails if the robot moves less than `stuck_distance` within this time [s]."""
-    still_distance: float = 0.1
+    still_distance: NonNegativeFloat = 0.1
     """Displacement that shows that the robot is not stuck [m]; see `still_time`."""
-    still_time: float = 30.0
+    still_time: NonNegativeFloat = 30.0
     """The robot counts as stuck if it moves less than `still_distance` in this time and no frontier is left [s]."""
-    spin_rate: float = 1.0
+    spin_rate: PositiveFloat = 1.0
     """Yaw rate of recovery spins [rad/s], limited by the robot."""
-    look_radius: float = 3.0
+    look_radius: NonNegativeFloat = 3.0
     """Radius of the area around a frontier that is ignored after `max_failures` failed drives, in robot radii, capped
     at 0.75 m. After a visit, visible frontier cells up to this distance beyond the frontier are ignored."""
-    retry_radius: float = 0.5
+    retry_radius: NonNegativeFloat = 0.5
     """A frontier within this distance of an earlier frontier takes over its age and number of failed drives [m]."""
-    max_failures: int = 3
+    max_failures: NonNegativeInt = 3
     """Number of failed drives after which a frontier is ignored."""
-    max_looks: int = 40
+    max_looks: NonNegativeInt = 40
     """Maximum number of retries per episode when people may have blocked the passage to the last frontiers."""
 
 
-@pydantic.dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class DwbParams:
     """Parameters of the local planner DWB, with names and values of Nav2's bring-up file. The robot limits speeds."""
 
@@ -99,13 +103,13 @@ class DwbParams:
     acc_lim_x: PositiveFloat | None = None
     acc_lim_theta: PositiveFloat | None = None
     """Forward and yaw acceleration in simulated trajectories [m/s2, rad/s2]; None for those of the robot."""
-    vx_samples: PositiveInt = 20
-    vtheta_samples: PositiveInt = 20
+    vx_samples: Samples = 20
+    vtheta_samples: Samples = 20
     """Numbers of sampled forward speeds and yaw rates."""
-    sim_time: PositiveFloat = 1.7
+    sim_time: Annotated[float, Field(gt=0, le=10)] = 1.7
     """Duration of a simulated trajectory [s]."""
-    linear_granularity: PositiveFloat = 0.05
-    angular_granularity: PositiveFloat = 0.025
+    linear_granularity: Granularity = 0.05
+    angular_granularity: Granularity = 0.025
     """Maximum distance [m] and turn [rad] between poses of a trajectory."""
     xy_goal_tolerance: PositiveFloat = 0.25
     """Distance to the goal that starts the final turn [m]."""
@@ -120,16 +124,16 @@ class DwbParams:
     oscillation_reset_dist: NonNegativeFloat = 0.05
     oscillation_reset_angle: NonNegativeFloat = 0.2
     """Distance [m] or angle [rad] from the last reversal after which the robot may reverse again."""
-    base_obstacle_scale: NonNegativeFloat = 0.02
-    path_align_scale: NonNegativeFloat = 32.0
-    goal_align_scale: NonNegativeFloat = 24.0
-    path_dist_scale: NonNegativeFloat = 32.0
-    goal_dist_scale: NonNegativeFloat = 24.0
-    rotate_to_goal_scale: NonNegativeFloat = 32.0
+    base_obstacle_scale: Weight = 0.02
+    path_align_scale: Weight = 32.0
+    goal_align_scale: Weight = 24.0
+    path_dist_scale: Weight = 32.0
+    goal_dist_scale: Weight = 24.0
+    rotate_to_goal_scale: Weight = 32.0
     """Weights of the critics: traversal cost, distances to path and goal (point ahead, and robot), heading error."""
-    width: PositiveFloat = 3.0
+    width: Annotated[float, Field(gt=0, le=20)] = 3.0
     """Minimum side of the square local costmap [m]; larger if trajectories are longer."""
-    resolution: PositiveFloat = 0.05
+    resolution: Annotated[float, Field(ge=0.02, le=1)] = 0.05
     """Cell side of the local costmap [m]."""
     inflation_radius: PositiveFloat | None = None
     """Distance from obstacles within which costs increase [m], at least the robot's radius; None for 0.48 m more."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from lidarnaut.envs.arguments import is_number, is_pose
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import DOCK
 from lidarnaut.envs.navigation.docking import DOCK_GAP
@@ -72,7 +73,7 @@ class Dock(Navigate):
     `"empty"` or `"time_limit"`.
 
     ## Arguments
-    The arguments of `Navigate` except `min_distance`, and
+    The arguments of `Navigate` (`min_distance` excludes near docks, unless all are near), and
 
     | argument | default | meaning |
     |---|---|---|
@@ -93,9 +94,10 @@ class Dock(Navigate):
     target_charge: float = 0.0
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        if not (np.shape(self.start_charge) == (2,) and 0 < self.start_charge[0] <= self.start_charge[1] <= 1):
+        charge = self.start_charge
+        if not (is_pose(charge, 2) and 0 < charge[0] <= charge[1] <= 1):
             raise ValueError(f"start_charge must be (low, high) with 0 < low <= high <= 1, got {self.start_charge!r}")
-        if not 0 <= self.target_charge <= 1:
+        if not (is_number(self.target_charge) and 0 <= self.target_charge <= 1):
             raise ValueError(f"target_charge must lie in [0, 1], got {self.target_charge!r}")
         super().attach(robot, control_period, physics)
         self.needs_explorable = False  # only with the stations
@@ -107,13 +109,21 @@ class Dock(Navigate):
         return with_stations(super().place(world, start))
 
     def _draw_goal(self, rng: np.random.Generator) -> Pose2D:
-        docks = self._world.docks
+        start, docks = self._true_pose, self._world.docks
         if not docks:
-            raise ValueError(f"world {self._world.name!r} has no docks; choose tugbot_warehouse, or set goal")
-        return docks[rng.integers(len(docks))].compose(Pose2D(-self.robot.radius - DOCK_GAP, 0.0, 0.0))
+            known = "choose tugbot_warehouse, aws_small_house or a world file with docks, or set goal"
+            raise ValueError(f"world {self._world.name!r} has no docks; {known}")
+        goals = [dock.compose(Pose2D(-self.robot.radius - DOCK_GAP, 0.0, 0.0)) for dock in docks]
+        distances = [math.dist(goal[:2], start[:2]) for goal in goals]
+        far = [
+            goal for goal, away in zip(goals, distances, strict=True) if away >= min(self.min_distance, max(distances))
+        ]
+        return far[rng.integers(len(far))]
 
     def _usual_time(self, length: float) -> float:
-        return super()._usual_time(length) + 60.0
+        battery = self.robot.battery  # full charging time, since the drive discharges
+        charging_time = 3600.0 * battery.capacity * self.target_charge / battery.charging_power
+        return super()._usual_time(length) + 60.0 + charging_time
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]

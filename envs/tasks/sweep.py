@@ -1,6 +1,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,7 @@ class Sweep(KnownMapTask):
     2. Truncation: `time_limit` seconds have passed.
 
     A cell is swept if its centre is within the robot's radius of the true path. The floor consists of the cells that
-    the body can cover. Collisions do not end the episode.
+    the body can cover with a clearance of half a cell. Collisions do not end the episode.
 
     ## Information
     Each step: `swept_fraction`, `swept_area` [m2], `is_lost`, `pose_error` (position [m], heading [rad]), `path_length`
@@ -113,8 +114,10 @@ class Sweep(KnownMapTask):
     ) -> float:
         walls, radius, (self._one,), self._pose = self.area.walls, self.robot.radius, robots, self.starts[0]
         self._raster = Frame(*map(float, (*walls.origin, walls.resolution)))
-        away = ndimage.distance_transform_edt(~self.area.traversable) * walls.resolution
-        self.unswept = away <= radius
+        # Half a cell of clearance, as in planning: obstacles lie anywhere in their cells.
+        distances, reached = partial(ndimage.distance_transform_edt, sampling=walls.resolution), self.area.traversable
+        roomy = reached & (distances(walls.data == 0) > radius + 0.5 * walls.resolution + 1e-9)
+        self.unswept = distances(~(roomy if roomy.any() else reached)) <= radius
         """True floor cells to sweep, shape of the raster, bool."""
         self.floor_area, self.swept_area = float(self.unswept.sum()) * walls.resolution**2, 0.0
         self.update(simulator, robots, 0.0)

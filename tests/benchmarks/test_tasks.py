@@ -140,9 +140,20 @@ def test_parameters_of_dwb_are_set_by_name():
     makers = policies_for(env)
     assert parse_policy("dwb:agv?vx_samples=5", makers).make().dwb.acc_lim_x == 4.0
     assert parse_policy("dwb?goal_tolerance=0.3,sim_time=2.5", makers).make().dwb.sim_time == 2.5
-    for name, message in (("dwb?sim_time=-1", "sim_time"), ("pursuit?sim_time=2.5", "unknown parameter 'sim_time'")):
-        with pytest.raises(ValueError, match=message):
+    for name, message in (
+        ("dwb?sim_time=0", "sim_time: Input should be greater than 0, got 0.0"),
+        ("dwb?sim_time=1000", "sim_time: Input should be less than or equal to 10"),
+        ("dwb?sim_time=.inf", "sim_time: Input should be less than or equal to 10"),
+        ("dwb?width=1e4", "width: Input should be less than or equal to 20"),
+        ("dwb?max_recoveries=-1", "max_recoveries: Input should be greater than or equal to 0"),
+        ("pursuit?sim_time=2.5", "unknown parameter 'sim_time'"),
+    ):
+        with pytest.raises(ValueError, match=message) as caught:
             parse_policy(name, makers)
+        assert str(caught.value).startswith(f"policy '{name}': ")
+        assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match="max_goal_tolerance: Input should be greater than or equal to 0"):
+        parse_policy("frontier?max_goal_tolerance=-1")
 
 
 def test_learned_policies_draw_their_actions_if_asked():
