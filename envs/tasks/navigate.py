@@ -49,6 +49,9 @@ class KnownMapTask(WorldTask):
         self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)
 
+    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
+        return {"pose_uncertainty": PoseUncertainty}
+
     def make_estimator(self) -> Estimator:
         return make_localizer(self.localizer, self.robot.lidar, self.amcl)
 
@@ -166,7 +169,7 @@ class Navigate(KnownMapTask, GoalTask):
         super().attach(robot, control_period, physics)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        return {"goal": partial(Goal, self), "pose_uncertainty": PoseUncertainty}
+        return {"goal": partial(Goal, self), **super().observation_parts()}
 
     def _measure_path(self) -> float:
         self._geodesic = GeodesicDistance(self.area, self._true_goal)

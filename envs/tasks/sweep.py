@@ -1,5 +1,5 @@
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -11,11 +11,9 @@ from scipy import ndimage
 from lidarnaut.envs.arguments import is_number
 from lidarnaut.envs.geometry.clearance import segment_offset
 from lidarnaut.envs.measures import SWEEP
-from lidarnaut.envs.observations import PoseUncertainty
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
-from lidarnaut.envs.task import ObservationPart
 
 from .coverage import Frame
 from .navigate import KnownMapTask
@@ -105,9 +103,6 @@ class Sweep(KnownMapTask):
         if not (is_number(self.target_swept) and 0 < self.target_swept <= 1):
             raise ValueError(f"target_swept must lie in (0, 1], got {self.target_swept!r}")
         super().attach(robot, control_period, physics)
-
-    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        return {"pose_uncertainty": PoseUncertainty}
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
