@@ -16,7 +16,6 @@ import numpy as np
 from numba import njit
 from scipy.special import gammaincinv
 
-from lidarnaut.envs.arguments import is_pose
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 
 X, Y, THETA, V, W, BIAS = range(6)
@@ -88,15 +87,16 @@ class Measurement:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ValueError(f"unknown kind of measurement {self.kind!r}; choose one of {', '.join(KINDS)}")
-        for name in ("values", "covariance"):
+        for name in ("values", "covariance", "position")[: 3 if self.kind == "landmark" else 2]:
             try:
                 object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
             except (TypeError, ValueError):
                 raise ValueError(f"{name} must be an array of numbers, got {getattr(self, name)!r}") from None
         size = len(MEASURED[self.kind]) if self.kind in MEASURED else 1 if self.values.shape == (1,) else 2
-        if self.kind == "landmark" and is_pose(self.position, 2):
-            object.__setattr__(self, "position", tuple(map(float, cast(Any, self.position))))
-        elif self.kind == "landmark" or self.position is not None:
+        place: Any = self.position
+        if self.kind == "landmark" and place.shape == (2,) and np.isfinite(place).all():
+            object.__setattr__(self, "position", tuple(place.tolist()))
+        elif self.kind == "landmark" or place is not None:
             raise ValueError(
                 "a landmark has a finite position (x, y), and other kinds have none, "
                 f"but a {self.kind} measurement got position={self.position!r}"

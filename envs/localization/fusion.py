@@ -43,8 +43,8 @@ def make_filter(robot: RobotParams, period: float) -> Ekf:
     """
     root = max(period, MIN_ACCELERATION_TIME) / math.sqrt(period)
     noise = math.sqrt(compass_variance(robot)) if robot.imu.has_compass else 0.0
-    # At an acceleration a, the heading differs from that at a constant yaw rate by up to a period^2 / 4.
-    across = robot.max_v * robot.max_acc_w * period**2.5 / 4.0
+    # At an acceleration a, the heading differs from that at a constant yaw rate by up to a period^2.
+    across = robot.max_v * robot.max_acc_w * period**2.5
     return Ekf(
         acceleration=root * robot.max_acc_v,
         angular_acceleration=root * robot.max_acc_w,
@@ -75,7 +75,7 @@ def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
 def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple[int, int]) -> Measurement:
     """Return mean speed and yaw rate from encoder `counts` (left, right) in the `period` [s] before `time` [s].
 
-    The time stamp is the beginning of the period, from which the filter predicts at constant speeds.
+    The time stamp is the beginning of the period: the filter predicts at constant speeds from there.
     """
     per_tick, track, slip = robot.odometry.metres_per_tick, robot.odometry.track, robot.drive.slip_std
     left, right = counts[0] * per_tick, counts[1] * per_tick
