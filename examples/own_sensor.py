@@ -59,7 +59,7 @@ def main(steps: int = 50) -> np.ndarray:
     observation, _ = env.reset(seed=0)
     robot, start, measured = env.unwrapped.robots[0], env.unwrapped.map_pose, [observation["beacons"]]
     # Encoders and beacons localize the robot without lidar, here from a start that is 0.3 m wrong.
-    ekf, before = make_filter(robot.params), robot.reading
+    ekf, before = make_filter(robot.params, robot.control_period), robot.reading
     ekf.reset(start._replace(x=start.x + 0.3), start_covariance(0.3, 0.3), time=before.time)
     for _ in range(steps):
         observation, *_ = env.step(np.array([0.5, 0.2], dtype=np.float32))

@@ -128,11 +128,11 @@ def test_a_route_through_a_wall_is_no_route():
         LidarEnv(Track, **{**QUICK, "path": path}).reset(seed=0)
 
 
-def test_encoders_tell_the_mean_of_a_period_for_its_middle():
+def test_encoders_measure_the_mean_of_a_period_for_its_beginning():
     robot = load_robot("mpo_500")
     measurement = measure_wheels(robot, 1.2, 1.2 - 1.0, (50, 60))
     tick = 2 * math.pi * 0.127 / 500
-    assert measurement.time == pytest.approx(1.1)
+    assert measurement.time == pytest.approx(1.0)
     np.testing.assert_allclose(measurement.values, [55 * tick / 0.2, 10 * tick / 0.548 / 0.2])
     assert np.linalg.eigvalsh(measurement.covariance)[0] > 0
     rng = np.random.default_rng(0)
@@ -157,7 +157,7 @@ def test_the_compass_tells_headings_in_the_map_frame():
     assert first.values == pytest.approx([3.1, 0.0])
     assert second.values == pytest.approx([3.2 - 2 * math.pi, 1.0])
     assert first.covariance[1, 1] > second.covariance[1, 1]
-    assert second.covariance[0, 0] == pytest.approx(2 * math.radians(0.1) ** 2 / 12, rel=0.1)
+    assert second.covariance[0, 0] == pytest.approx(4 * math.radians(0.1) ** 2 / 12, rel=0.1)
     assert np.isnan(measure_heading(robot, 0.3, 0.1, 3.1, math.nan).values).all()
 
 
@@ -190,3 +190,31 @@ def test_fusion_is_not_worse_with_a_noisy_and_disturbed_compass():
         errors[fusion] = np.sqrt(np.mean([info["pose_error"][0] ** 2 for info in infos]))
     assert errors["full"] < 0.01
     assert errors["full"] < 1.1 * min(errors.values())
+
+
+@pytest.mark.parametrize("control_hz", [1.0, 2.0, 5.0])
+def test_the_fusion_is_as_good_as_amcl_at_low_control_rates(control_hz):
+    env = LidarEnv(Track, **{**HALL, "control_hz": control_hz, "start_spread": (0.0, 0.0)})
+    (start, info), follower = env.reset(seed=0), RouteFollower()
+    start, info = begin_episode(env, follower, 0, np.random.default_rng(0))
+    decide, errors = decide_with(follower, env), []
+    while "end_reason" not in info and len(errors) < 60 * control_hz:
+        start, *_, info = env.step(decide(start))
+        truth, fused = env.map_pose.between(env.truths[0].state.pose), env.robots[0].estimator
+        errors.append([truth.between(pose) for pose in (fused.estimate.pose, fused.localized.pose)])
+    full, amcl = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert np.hypot(*full[:2]) < 1.15 * np.hypot(*amcl[:2])
+    assert full[2] < amcl[2] + math.radians(0.05)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"map": 3}, "map must be a path"),
+        ({"map_pose": (1.0, 2.0, 0.3)}, "needs a map"),
+        ({"map_pose": "x"}, "'spawn'"),
+    ],
+)
+def test_maps_and_frames_are_checked(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        LidarEnv(Track, **{**QUICK, **arguments})

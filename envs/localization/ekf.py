@@ -9,7 +9,7 @@ import bisect
 import contextlib
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, cast, get_args
 
 import numpy as np
@@ -31,7 +31,7 @@ MAX_STEPS = 5000
 """Maximum number of integration steps per prediction."""
 
 TURN_HOLD, TURN_DECAY = 0.25, 0.25
-"""Time without measurements after which the prediction of the yaw rate decays to zero, and time constant of the decay
+"""Default time without measurements after which the predicted yaw rate decays to zero, and time constant of the decay
 [s]. Turns are short: the rate of one moment says nothing about the next seconds."""
 BIAS_PATIENCE = 0.25
 """Time with only `gated` compass measurements after which the next one changes the compass bias [s]."""
@@ -49,6 +49,9 @@ MIN_REFUSED, LONE_FACTOR = 5, 5.0
 
 Kind = Literal["map", "encoder", "compass", "landmark"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+LOCATING: tuple[Kind, ...] = ("map", "landmark")
+"""Sensors of the position. Measurements of one kind, or compass headings, that contradict another of these kinds are
+outliers, and no sign of divergence."""
 MEASURED: dict[str, np.ndarray] = {
     "map": np.array([X, Y, THETA]),
     "encoder": np.array([V, W]),
@@ -84,10 +87,19 @@ class Measurement:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ValueError(f"unknown kind of measurement {self.kind!r}; choose one of {', '.join(KINDS)}")
-        size = len(MEASURED[self.kind]) if self.kind in MEASURED else 1 if np.shape(self.values) == (1,) else 2
-        if (self.kind == "landmark") != (self.position is not None and np.isfinite(self.position).all()):
+        for name in ("values", "covariance", "position")[: 3 if self.kind == "landmark" else 2]:
+            try:
+                object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
+            except (TypeError, ValueError):
+                raise ValueError(f"{name} must be an array of numbers, got {getattr(self, name)!r}") from None
+        size = len(MEASURED[self.kind]) if self.kind in MEASURED else 1 if self.values.shape == (1,) else 2
+        place: Any = self.position
+        if self.kind == "landmark" and place.shape == (2,) and np.isfinite(place).all():
+            object.__setattr__(self, "position", tuple(place.tolist()))
+        elif self.kind == "landmark" or place is not None:
             raise ValueError(
-                f"a landmark has a finite position, and a {self.kind} measurement got position={self.position!r}"
+                "a landmark has a finite position (x, y), and other kinds have none, "
+                f"but a {self.kind} measurement got position={self.position!r}"
             )
         if self.values.shape != (size,) or self.covariance.shape != (size, size):
             raise ValueError(
@@ -123,6 +135,8 @@ class _Moment:
     state: np.ndarray = field(default_factory=lambda: np.zeros(STATE_SIZE + 1))
     covariance: np.ndarray = field(default_factory=lambda: np.eye(STATE_SIZE + 1))
     gated_since: dict[str, float] = field(default_factory=dict)
+    located: dict[str, float] = field(default_factory=dict)
+    """Time of the last accepted measurement, by kind in `LOCATING` [s]."""
     disturbance: float = 0.0
     """Additional spectral density of the compass bias [rad2/s]."""
 
@@ -150,6 +164,8 @@ class Ekf:
         max_ahead: float = 1.0,
         bias_std: float = 0.0,
         bias_drift: float = 0.0,
+        drift: float = DRIFT[0],
+        turn_hold: float = TURN_HOLD,
     ) -> None:
         """Initialize at the origin and time 0 with unit variances.
 
@@ -159,7 +175,8 @@ class Ekf:
             horizon: maximum delay of a measurement [s]; older ones are `too_old`.
             gate: probability that a valid measurement passes the chi-square test; outliers are `gated`.
             patience: divergence timeout [s]. If a sensor is only `gated` for this time, the next measurement is
-                `recovered` with inflated covariance.
+                `recovered` with inflated covariance. A map, landmark or compass measurement stays `gated` if another
+                kind in `LOCATING` was accepted within this time.
             max_ahead: maximum lead of a measurement over the filter's clock [s], or inf; further ones are `too_new`.
                 The clock is the latest of the reset, applied measurements and times passed to `estimate`. Two sensors
                 that are only `too_new` or only `too_old` for `patience` seconds reset the clock.
@@ -167,6 +184,8 @@ class Ekf:
             bias_drift: root spectral density of the random walk of the compass bias [rad/sqrt(s)]. With a positive
                 value, compass measurements that are only `gated` for `BIAS_PATIENCE` change the bias and not the
                 heading, as a magnetic disturbance does.
+            drift: root spectral density of the random walk of x and y [m/sqrt(s)].
+            turn_hold: time without measurements after which the predicted yaw rate decays to zero [s].
 
         Raises:
             ValueError: an argument is out of range.
@@ -175,6 +194,7 @@ class Ekf:
             if not 0.0 < value < math.inf:
                 raise ValueError(f"{name} must be positive and finite, got {value!r}")
         at_least_0 = {"horizon": horizon, "patience": patience, "bias_std": bias_std, "bias_drift": bias_drift}
+        at_least_0 |= {"drift": drift, "turn_hold": turn_hold}
         for name, value in at_least_0.items():
             if not 0.0 <= value < math.inf:
                 raise ValueError(f"{name} must be finite and not negative, got {value!r}")
@@ -182,8 +202,9 @@ class Ekf:
             raise ValueError(f"max_ahead must be positive, got {max_ahead!r}")
         if not 0.0 < gate < 1.0:
             raise ValueError(f"gate must lie in (0, 1), got {gate!r}")
-        self._horizon, self._patience, self._max_ahead = horizon, patience, max_ahead
-        self._noise, self._bias_std = np.square([*DRIFT, acceleration, angular_acceleration, bias_drift]), bias_std
+        self._horizon, self._patience, self._max_ahead, self._turn_hold = horizon, patience, max_ahead, turn_hold
+        self._noise = np.square([drift, drift, DRIFT[2], acceleration, angular_acceleration, bias_drift])
+        self._bias_std = bias_std
         self._gates = [float(2.0 * gammaincinv(0.5 * size, gate)) for size in range(1, 4)]
         self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(STATE_SIZE))
 
@@ -242,9 +263,11 @@ class Ekf:
             self._clock = measurement.time
         added = _Moment(measurement.time, measurement)
         index = bisect.bisect_right(self._moments, added.order, key=lambda moment: moment.order)
-        self._moments.insert(index, added)
-        for k in range(index, len(self._moments)):
-            self._apply(self._moments[k - 1], self._moments[k])
+        before, newer = self._moments[index - 1], [added, *map(replace, self._moments[index:])]
+        for moment in newer:
+            self._apply(before, moment)
+            before = moment
+        self._moments[index:] = newer
         # Keep one state before the horizon for late measurements.
         oldest = self.time - self._horizon
         keep = max(bisect.bisect_left(self._moments, oldest, key=lambda moment: moment.time) - 1, 0)
@@ -301,7 +324,7 @@ class Ekf:
             noise = self._noise
             if before.disturbance > 0.0:
                 noise = noise + before.disturbance * np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-            predict(state, covariance, time - before.time, noise, MAX_STEP)
+            predict(state, covariance, time - before.time, noise, MAX_STEP, self._turn_hold)
         return state, covariance
 
     def _apply(self, before: _Moment, after: _Moment) -> None:
@@ -310,18 +333,21 @@ class Ekf:
         kind, noise = measurement.kind, measurement.covariance
         state, covariance = self._predict(before, after.time)
         after.state, after.covariance, after.gated_since = state, covariance, dict(before.gated_since)
+        after.disturbance = before.disturbance * math.exp((before.time - after.time) / DISTURBED_TIME)
+        after.located = before.located
         if measurement.position is None:
             jacobian = JACOBIANS[kind]
             expected = jacobian @ state
         else:
             expected, jacobian = see_landmark(state, *measurement.position)
             expected, jacobian = expected[: len(noise)], jacobian[: len(noise)]
-        if math.isnan(expected[0]):
-            after.verdict = "unusable"
+        after.verdict = "unusable"
+        if not np.isfinite(expected).all():
             return
         compared = expected, jacobian, measurement.values, noise, HEADINGS[kind]
         innovation, spread, length = _innovation_of(covariance, *compared)
-        after.disturbance = before.disturbance * math.exp((before.time - after.time) / DISTURBED_TIME)
+        if not math.isfinite(length):
+            return
         has_bias = self._noise[BIAS] > 0.0
         if kind == "map" and has_bias and innovation[2] ** 2 > DISTURBED**2 * spread[2, 2]:
             shifted = covariance + innovation[2] ** 2 * np.outer(SHIFTED, SHIFTED)
@@ -332,7 +358,10 @@ class Ekf:
         if length > self._gates[len(noise) - 1]:
             since = after.gated_since.setdefault(kind, after.time)
             is_bias = kind == "compass" and has_bias
-            if after.time - since < (BIAS_PATIENCE if is_bias else self._patience) or after.time == since:
+            rivals = () if is_bias or kind == "encoder" else (after.located.get(of) for of in LOCATING if of != kind)
+            is_located = any(time is not None and after.time - time <= self._patience for time in rivals)
+            patience = BIAS_PATIENCE if is_bias else self._patience
+            if is_located or after.time - since < patience or after.time == since:
                 after.verdict = "gated"
                 return
             # Inflate the prior to the size of the innovation.
@@ -345,6 +374,8 @@ class Ekf:
         else:
             after.verdict = "accepted"
         after.gated_since.pop(kind, None)
+        if kind in LOCATING:
+            after.located = {**before.located, kind: after.time}
         after.covariance = _correct(state, covariance, jacobian, innovation, spread, noise)
 
 
@@ -363,10 +394,11 @@ def _require_covariance(covariance: np.ndarray, size: int) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def predict(state, covariance, duration, noise, max_step):
+def predict(state, covariance, duration, noise, max_step, turn_hold):
     """Predict state and covariance in place, `duration` [s] ahead: equations (2) and (3), P = F P F^T + Q.
 
-    `noise`: spectral density of each state's process noise, shape (6,) [squared unit / s].
+    `noise`: spectral density of each state's process noise, shape (6,) [squared unit / s]. Speed and yaw rate change at
+    the end, because encoders measure their means, and also during the prediction after `turn_hold` [s].
     """
     num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
     dt = duration / num_steps
@@ -385,12 +417,15 @@ def predict(state, covariance, duration, noise, max_step):
             covariance[i, X] += turn_x * covariance[i, THETA] + dt * c * covariance[i, V]
             covariance[i, Y] += turn_y * covariance[i, THETA] + dt * s * covariance[i, V]
             covariance[i, THETA] += dt * covariance[i, W]
-            covariance[i, i] += noise[i] * dt
-        if step * dt >= TURN_HOLD:
+            if step * dt >= turn_hold or (i != V and i != W):
+                covariance[i, i] += noise[i] * dt
+        if step * dt >= turn_hold:
             decay = math.exp(-dt / TURN_DECAY)
             state[W] *= decay
             covariance[W] *= decay
             covariance[:, W] *= decay
+    covariance[V, V] += noise[V] * min(duration, turn_hold)
+    covariance[W, W] += noise[W] * min(duration, turn_hold)
     state[THETA] = wrap_angle(state[THETA])
 
 

@@ -11,7 +11,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 from .amcl import Amcl
-from .ekf import STATE_SIZE, Ekf, Estimate, Kind, Measurement
+from .ekf import DRIFT, STATE_SIZE, TURN_HOLD, Ekf, Estimate, Kind, Measurement
 
 FUSIONS: dict[str, tuple[Kind, ...]] = {
     "encoder": ("encoder",),
@@ -28,18 +28,33 @@ cells], heading [rad]."""
 BIAS_STD, BIAS_DRIFT = 1.0, 0.1
 """Assumed bias of the compass in standard deviations of its noise: standard deviation at the start, and root spectral
 density of its random walk [1/sqrt(s)]."""
-ACCELERATION_TIME = 0.06
-"""Assumed duration of an acceleration at the limit of the robot [s]."""
+MIN_ACCELERATION_TIME = 0.06
+"""Minimum assumed duration of an acceleration at the limit of the robot [s]; otherwise the period of the readings."""
+COMPASS_FACTOR = 4.0
+"""Factor of the variance of compass headings: 2, as each heading is part of two measurements, and a margin of 2."""
 MIN_HEADING_STD = 1e-4
 """Minimum standard deviation of compass headings [rad]."""
 
 
-def make_filter(robot: RobotParams) -> Ekf:
-    """Return an extended Kalman filter with process noise from the robot's acceleration limits."""
-    root = math.sqrt(ACCELERATION_TIME)
-    accelerations = {"acceleration": root * robot.max_acc_v, "angular_acceleration": root * robot.max_acc_w}
+def make_filter(robot: RobotParams, period: float) -> Ekf:
+    """Return an extended Kalman filter with process noise from the robot's acceleration limits.
+
+    `period`: time between two measurements of the encoders [s].
+    """
+    root = max(period, MIN_ACCELERATION_TIME) / math.sqrt(period)
     noise = math.sqrt(compass_variance(robot)) if robot.imu.has_compass else 0.0
-    return Ekf(**accelerations, max_ahead=math.inf, bias_std=BIAS_STD * noise, bias_drift=BIAS_DRIFT * noise)
+    # At an acceleration a, the heading differs from that at a constant yaw rate by up to a period^2.
+    across = robot.max_v * robot.max_acc_w * period**2.5
+    return Ekf(
+        acceleration=root * robot.max_acc_v,
+        angular_acceleration=root * robot.max_acc_w,
+        horizon=max(1.0, 3.0 * period),
+        max_ahead=math.inf,
+        bias_std=BIAS_STD * noise,
+        bias_drift=BIAS_DRIFT * noise,
+        drift=math.hypot(DRIFT[0], across),
+        turn_hold=max(TURN_HOLD, period),
+    )
 
 
 def compass_variance(robot: RobotParams) -> float:
@@ -58,13 +73,16 @@ def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
 
 
 def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple[int, int]) -> Measurement:
-    """Return mean speed and yaw rate from encoder `counts` (left, right) in the `period` [s] before `time` [s]."""
+    """Return mean speed and yaw rate from encoder `counts` (left, right) in the `period` [s] before `time` [s].
+
+    The time stamp is the beginning of the period: the filter predicts at constant speeds from there.
+    """
     per_tick, track, slip = robot.odometry.metres_per_tick, robot.odometry.track, robot.drive.slip_std
     left, right = counts[0] * per_tick, counts[1] * per_tick
     left_variance, right_variance = (per_tick**2 / 6.0 + slip**2 * abs(rolled) for rolled in (left, right))
     both, across = (left_variance + right_variance) / period**2, (right_variance - left_variance) / period**2
     return Measurement(
-        time - 0.5 * period,
+        time - period,
         "encoder",
         np.array([0.5 * (left + right), (right - left) / track]) / period,
         np.array([[0.25 * both, 0.5 * across / track], [0.5 * across / track, both / track**2]]),
@@ -76,10 +94,9 @@ def measure_heading(robot: RobotParams, time: float, period: float, before: floa
 
     Without earlier heading (NaN), the yaw rate gets a large variance.
     """
-    # Each heading is part of two measurements, with half the weight.
-    variance = 2.0 * compass_variance(robot)
-    rate, lag = wrap_angle(heading - before) / period, 0.5 * robot.max_acc_w * period
-    rate_variance, common = 2.0 * variance / period**2 + lag**2 / 3.0, variance / period
+    variance = COMPASS_FACTOR * compass_variance(robot)
+    rate, lag = wrap_angle(heading - before) / period, robot.max_acc_w * period
+    rate_variance, common = 2.0 * variance / period**2 + lag**2, variance / period
     if math.isnan(rate) and not math.isnan(heading):
         rate, rate_variance, common = 0.0, robot.max_w**2, 0.0
     return Measurement(
@@ -90,8 +107,17 @@ def measure_heading(robot: RobotParams, time: float, period: float, before: floa
 class FusedPose:
     """Estimator that fuses AMCL, wheel encoders and compass by a Kalman filter."""
 
-    def __init__(self, robot: RobotParams, localizer: Amcl, fusion: str = "full", latency: float = 0.1) -> None:
-        """Create the estimator; `fusion`: sensors (key of `FUSIONS`); `latency`: delay of AMCL estimates [s].
+    def __init__(
+        self, robot: RobotParams, period: float, localizer: Amcl, fusion: str = "full", latency: float = 0.1
+    ) -> None:
+        """Create the estimator.
+
+        Args:
+            robot: parameters of the robot.
+            period: time between two readings [s].
+            localizer: AMCL.
+            fusion: sensors (key of `FUSIONS`).
+            latency: delay of AMCL estimates [s].
 
         Raises:
             ValueError: unknown fusion, or no compass.
@@ -101,7 +127,7 @@ class FusedPose:
         if fusion == "encoder_compass" and not robot.imu.has_compass:
             raise ValueError(f"fusion {fusion!r} needs a compass, and robot {robot.name!r} has none")
         self.localizer = localizer
-        self.ekf = make_filter(robot)
+        self.ekf = make_filter(robot, period)
         self.measurements: list[Measurement] = []
         """Measurements received at the last `update`, including those that the filter does not use."""
         self.localized: Estimate

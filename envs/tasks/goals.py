@@ -2,12 +2,13 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from lidarnaut.envs.arguments import check_positive, is_pose
-from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.estimation import ORIGIN, Estimator
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.localization import Amcl, AmclParams, load_preset
@@ -16,7 +17,7 @@ from lidarnaut.envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapPa
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import LidarParams, RobotParams
 from lidarnaut.envs.simulation import Simulator
-from lidarnaut.envs.worlds import ExplorableArea
+from lidarnaut.envs.worlds import ExplorableArea, World, load_map
 from lidarnaut.envs.worlds.world import kept_with_world
 
 from .starts import WorldTask
@@ -103,6 +104,22 @@ def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> E
     if name not in LOCALIZERS:
         raise ValueError(f"unknown localizer {name!r}; choose one of {', '.join(LOCALIZERS)}")
     return Amcl(lidar, load_preset(preset)) if name == "amcl" else DeadReckoning()
+
+
+def given_map(map: Any) -> OccupancyGrid | None:
+    """Return the map of an argument `map`: a path, a map or None; ValueError for others."""
+    if map is not None and not isinstance(map, str | Path | OccupancyGrid):
+        raise ValueError(f"map must be a path, an OccupancyGrid or None, got {map!r}")
+    return load_map(map) if isinstance(map, str | Path) else map
+
+
+def given_frame(pose: Any, world: World | None = None) -> Pose2D:
+    """Return the pose of an argument `map_pose`, world frame; ValueError unless it is `"spawn"` or (x, y, theta)."""
+    if isinstance(pose, str) and pose == "spawn":
+        return world.spawns[0] if world else ORIGIN
+    if not is_pose(pose):
+        raise ValueError(f"map_pose must be 'spawn' or (x, y, theta), all finite, got {pose!r}")
+    return Pose2D(*map(float, pose))
 
 
 def known_map(area: ExplorableArea) -> OccupancyGrid:

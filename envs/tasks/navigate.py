@@ -17,9 +17,9 @@ from lidarnaut.envs.robot import Prior, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.task import ObservationPart
-from lidarnaut.envs.worlds import World, load_map
+from lidarnaut.envs.worlds import World
 
-from .goals import GeodesicDistance, GoalTask, known_map, make_localizer
+from .goals import GeodesicDistance, GoalTask, given_frame, given_map, known_map, make_localizer
 from .starts import WorldTask
 
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
@@ -41,10 +41,9 @@ class KnownMapTask(WorldTask):
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         self._one: Robot  # set by `reset`
         self._read_initial_pose(self.initial_pose, "known", "unknown")
-        self._frame = frame = self.map_pose
-        if not (is_pose(frame) or (isinstance(frame, str) and frame == "spawn")):
-            raise ValueError(f"map_pose must be 'spawn' or (x, y, theta), all finite, got {frame!r}")
-        self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
+        self._frame = self.map_pose
+        given_frame(self._frame)
+        self._map = given_map(self.map)
         self.needs_explorable = self._map is None
         self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)
@@ -56,7 +55,7 @@ class KnownMapTask(WorldTask):
         return make_localizer(self.localizer, self.robot.lidar, self.amcl)
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        self.map_pose = world.spawns[0] if isinstance(self._frame, str) else Pose2D(*map(float, self._frame))
+        self.map_pose = given_frame(self._frame, world)
         return super().choose_starts(world, start, rng)
 
     def _read_initial_pose(self, given: Any, *names: str) -> Any:

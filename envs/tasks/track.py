@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.arguments import check_positive, is_pose
+from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
@@ -19,8 +19,9 @@ from lidarnaut.envs.robot import Prior, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.task import ObservationPart, Task
-from lidarnaut.envs.worlds import World, load_map, load_world
+from lidarnaut.envs.worlds import World, load_world
 
+from .goals import given_frame, given_map
 from .route import END, Progress, Route, rectangle
 from .route_map import make_route_map
 
@@ -90,7 +91,7 @@ class Track(Task):
     | `path` | `None` | points (x, y), world frame [m]; `None` for the rectangle from the world's first spawn |
     | `fusion` | `"full"` | inputs of the pose estimate: `"full"` (map, encoders, compass if available), `"encoder_compass"`, `"encoder"`, or `"amcl"` |
     | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` for the map of a mapping drive |
-    | `map_pose` | `(0, 0, 0)` | pose of the frame of `map`, world frame |
+    | `map_pose` | `(0, 0, 0)` | pose of the frame of `map`, world frame; `"spawn"` for the world's first spawn |
     | `slam` | `"hector"` | SLAM of the mapping drive, also with parameters (`tinyslam?sigma_xy=0.02`) |
     | `map_seed` | `0` | seed of the mapping drive |
     | `map_resolution` | `0.01` | size of a map cell [m] |
@@ -130,17 +131,18 @@ class Track(Task):
         super().attach(robot, control_period, physics)
         self._world = self.world if isinstance(self.world, World) else load_world(self.world)
         self.route_world = Route.of(rectangle(self._world.spawns[0]) if self.path is None else self.path)
-        if not is_pose(self.map_pose):
-            raise ValueError(f"map_pose must be (x, y, theta), got {self.map_pose!r}")
-        self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
-        self.map_pose = self.route_world.start if self._map is None else Pose2D(*map(float, self.map_pose))
+        self._map, frame = given_map(self.map), given_frame(self.map_pose, self._world)
+        if self._map is None and frame != ORIGIN:
+            raise ValueError(f"map_pose={self.map_pose!r} needs a map; the frame of a mapping drive is its start")
+        self.map_pose = self.route_world.start if self._map is None else frame
         self.route = self.route_world.seen_from(self.map_pose)
 
     def default_observations(self) -> Sequence[str]:
         return ("scan", "route", "motion")
 
     def make_estimator(self) -> FusedPose:
-        self._fused = FusedPose(self.robot, Amcl(self.robot.lidar, AMCL_PARAMS), self.fusion, self.map_latency)
+        amcl = Amcl(self.robot.lidar, AMCL_PARAMS)
+        self._fused = FusedPose(self.robot, self.control_period, amcl, self.fusion, self.map_latency)
         return self._fused
 
     @property
