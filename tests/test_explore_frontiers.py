@@ -168,7 +168,7 @@ def test_an_infinite_time_limit_is_one_that_never_comes(kind):
 
 def test_nothing_left_to_reach_terminates():
     # Some corners of this world stay unknown in episodes of any length.
-    env = ExploreFrontiersEnv(world="explorebench_loop", physics="kinematic", slam="hector", target_coverage=1.0)
+    env = ExploreFrontiersEnv(world="aws_small_house", physics="kinematic", slam="hector", target_coverage=1.0)
     out = explore(env, 0, 1000)
     observation, _, terminated, truncated, info = out[-1]
     assert (terminated, truncated, info["end_reason"]) == (True, False, "no_reachable_frontier")
