@@ -147,10 +147,23 @@ class FrontierUtility:
         return (np.hypot(gaps[..., 0], gaps[..., 1]) < radius).any(axis=1)
 
 
-_SPEEDS = DwbParams(max_vel_x=0.78, max_vel_theta=2.0, acc_lim_x=4.0, acc_lim_theta=5.0, sim_time=2.5)
-_SCALES = replace(_SPEEDS, base_obstacle_scale=0.05, path_align_scale=35.0, path_dist_scale=35.0, goal_align_scale=26.0)
-_GOALS = replace(_SCALES, goal_dist_scale=26.0, forward_point_distance=0.2, xy_goal_tolerance=0.3)
-AGV_DWB = replace(_GOALS, width=10.0, inflation_radius=0.6, cost_scaling_factor=2.5)
+AGV_DWB = DwbParams(
+    max_vel_x=0.78,
+    max_vel_theta=2.0,
+    acc_lim_x=4.0,
+    acc_lim_theta=5.0,
+    sim_time=2.5,
+    base_obstacle_scale=0.05,
+    path_align_scale=35.0,
+    path_dist_scale=35.0,
+    goal_align_scale=26.0,
+    goal_dist_scale=26.0,
+    forward_point_distance=0.2,
+    xy_goal_tolerance=0.3,
+    width=10.0,
+    inflation_radius=0.6,
+    cost_scaling_factor=2.5,
+)
 """DWB parameters of the report, section 3.3.2; scales and angular acceleration from its program."""
 AGV_PLANNING = PlanningParams(inflation=0.231, cost_scaling_factor=2.5)
 """Costmap of the report, section 3.3.2: `inflation_radius` 0.6 m, less the radius of Tugbot."""

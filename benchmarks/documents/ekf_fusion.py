@@ -171,7 +171,8 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
     figures = []
     for name, fusion in itertools.product(physics, (DRIVER, "amcl", "encoder_compass", "encoder")):
         some = [drive for drive in drives[: len(main)] if drive.physics == name]
-        figures += figures_of([drive.measure(fusion) for drive in some], f"{{}}, {LABELS[fusion]}, {name}", PAPER)
+        paper = PAPER if fusion == DRIVER else {}  # The paper has no figures of single sensors.
+        figures += figures_of([drive.measure(fusion) for drive in some], f"{{}}, {LABELS[fusion]}, {name}", paper)
         if fusion == DRIVER:
             done = [float(drive.end_reason == "completed" and drive.collisions == 0) for drive in some]
             figures.append(Figure(f"route completed without contact, {name}", "share", done, best="most"))

@@ -90,6 +90,7 @@ def test_a_quick_run_gives_figures_and_pictures_and_beats_the_paper(tmp_path):
         figure = figures[f"{item}, full fusion, kinematic"]
         assert (figure.document, figure.unit) == (value, unit)
         assert figure.median < value
+        assert figures[f"{item}, encoder alone, kinematic"].document is None
     assert figures["route completed without contact, kinematic"].median == 1.0
     for label in LABELS.values():
         assert figures[f"position RMSE, compass noise 0.69 deg, magnets: {label}"].median > 0.0
