@@ -40,7 +40,7 @@ class NaivePhysics:
         bullet.setTimeStep(1.0 / PHYSICS_HZ)
         plane = bullet.createMultiBody(0.0, bullet.createCollisionShape(bullet.GEOM_PLANE))
         bullet.setCollisionFilterGroupMask(plane, -1, GROUND, ROLLING)
-        for x, y, yaw, *sides in hall.boxes:
+        for x, y, *sides, yaw in hall.boxes:
             half_extents = [0.5 * side for side in (*sides, height)]
             shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half_extents)
             turned = bullet.getQuaternionFromEuler([0.0, 0.0, yaw])
