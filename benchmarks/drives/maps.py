@@ -38,12 +38,9 @@ class Panel(NamedTuple):
     """Pose of the map frame in the figure's frame."""
 
 
-def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str) -> None:
-    """Plot maps side by side at equal scale, with scale bar, note and legend.
-
-    The plot limits enclose all `points`, shape (k, 2) [m].
-    """
-    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - VIEW_MARGIN, points.max(axis=0) + VIEW_MARGIN
+def draw_maps(path: Path, panels: Sequence[Panel], walls: OccupancyGrid, note: str) -> None:
+    """Plot maps of the area `walls` side by side at equal scale, with scale bar, note and legend."""
+    (x_min, y_min), (x_max, y_max) = np.reshape(walls.bounds, (2, 2)) + [[-VIEW_MARGIN], [VIEW_MARGIN]]
     legend = LEGEND if panels[-1].wrong is None else {**LEGEND, f"wall more than {WALL_TOLERANCE:g} m off": WRONG}
     lines = -(-len(panels) // COLUMNS)
     height = lines * (WIDTH / COLUMNS * (y_max - y_min) / (x_max - x_min) + 0.3) + 0.4

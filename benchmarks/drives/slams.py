@@ -105,7 +105,7 @@ def compare_slams(
         if picture is not None and name == drives[-1]:
             length = np.hypot(*np.diff(recorded[-1].truth[:, :2], axis=0).T).sum()
             note = f"{world}: {robot.name}, {robot.lidar.range_max:g} m lidar, {length:.0f} m in {minutes:g} minutes"
-            draw_maps(picture, panels, np.reshape(crop_to_known(walls, margin=0).bounds, (2, 2)), note)
+            draw_maps(picture, panels, crop_to_known(walls, margin=0), note)
     return rows
 
 
