@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from lidarnaut.benchmarks.drives.localization import MAX_POSITION_ERROR
 from lidarnaut.benchmarks.drives.maps import Panel, draw_maps, wrong_cells
 from lidarnaut.benchmarks.drives.recording import (
     PERIOD,
@@ -58,8 +59,6 @@ HELD_OUT = (
     "maze:1",
 )
 """Asymmetric test worlds for kidnapped robots, not used to tune relocalization."""
-MAX_POSITION_ERROR = 0.5
-"""Maximum position error of a robot that counts as relocalized [m]."""
 
 
 def compare_slams(
