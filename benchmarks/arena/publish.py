@@ -79,8 +79,7 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
     everything = Episodes({Key.of(row): row for row in (*episodes, *axis_rows)}.values(), measures)
     has_more = len(cases) > 1 or axis_rows or evaluation.missing() or docs
     sections = _leaderboard(evaluation, episodes, everything, command) if has_more else []
-    players = list(filter(None, [overview.players_section(folder, episodes)]))
-    report = [*sections[:1], *players, *sections[1:]]
+    report = list(filter(None, (*sections[:1], overview.players_section(folder, episodes), *sections[1:])))
     for case, here in cases.items() if settings.world_sections else ():
         estimates = {policy: summary[policy][case] for policy in here.policies}
         for section in overview.case_sections(folder, case, here, estimates):

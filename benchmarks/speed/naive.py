@@ -12,7 +12,8 @@ import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.benchmarks.speed.halls import Hall
-from lidarnaut.benchmarks.speed.naive_slam import ORIGIN, NaiveSlam
+from lidarnaut.benchmarks.speed.naive_slam import NaiveSlam
+from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.estimation.motion import wheel_motion
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.robots import RobotParams
