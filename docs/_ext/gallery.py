@@ -87,11 +87,9 @@ def draw_world(world: World) -> Figure:
         ax.add_patch(Circle(person.waypoints[0], person.radius, color=_PERSON))
     for k, spawn in enumerate(world.spawns):
         marker = (3, 0, np.degrees(spawn.theta) - 90.0)
-        face = "none" if k else _SPAWN
-        ax.plot(spawn.x, spawn.y, marker=marker, markersize=8, markerfacecolor=face, markeredgecolor=_SPAWN)
+        ax.plot(spawn.x, spawn.y, marker=marker, markersize=8, color=_SPAWN, fillstyle="none" if k else "full")
     for k, goal in enumerate(world.goals):
-        face = "none" if k else _GOAL
-        ax.plot(goal.x, goal.y, marker="s", markersize=6, markerfacecolor=face, markeredgecolor=_GOAL)
+        ax.plot(goal.x, goal.y, marker="s", markersize=6, color=_GOAL, fillstyle="none" if k else "full")
     return figure
 
 
