@@ -60,7 +60,7 @@ class Trace:
     def to_bytes(self) -> bytes:
         archive = io.BytesIO()
         curve = np.stack(self.curve).astype(np.float32)
-        grid = {"map": self.grid.data, "resolution": self.grid.resolution, "origin": self.grid.origin}
+        grid: dict[str, Any] = {"map": self.grid.data, "resolution": self.grid.resolution, "origin": self.grid.origin}
         others = {name: getattr(self, name) for name in ("known_since", "start", "segments", "circles")}
         np.savez_compressed(archive, curve=curve, trail=self.trail, **grid, **others)
         return archive.getvalue()
