@@ -60,18 +60,10 @@ def evaluate(
         lidarnaut.agents.run_folder.CheckpointError: if a learned policy is missing or damaged.
     """
     own = {**(policies if isinstance(policies, Mapping) else {}), **(worlds if isinstance(worlds, Mapping) else {})}
-    content = {
-        "policies": list(policies),
-        "worlds": list(worlds),
-        "id": id,
-        "arguments": dict(arguments or {}),
-        "people": list(map(str, people)),
-        "robots": list(robots),
-        "physics": list(physics),
-        "slam": list(slam),
-        "episodes": episodes,
-        "seed": seed,
-    }
+    listed = {"policies": policies, "worlds": worlds, "robots": robots, "physics": physics, "slam": slam}
+    content: dict[str, Any] = {name: list(values) for name, values in listed.items()}
+    content |= {"id": id, "arguments": dict(arguments or {}), "people": [*map(str, people)]}
+    content |= {"episodes": episodes, "seed": seed}
     settings = parse_record(content, "evaluate", Settings)
     with tempfile.TemporaryDirectory() as scratch:
         evaluation = Evaluation(settings, Path(scratch if out is None else out), custom=own, trust=trust)

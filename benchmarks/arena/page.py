@@ -54,7 +54,7 @@ class Table(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """PNG or GIF image of a report, with caption; `name` is the file name without suffix."""
+    """PNG image of a report, with caption; `name` is the file name without suffix."""
 
     name: str
     content: bytes
@@ -63,8 +63,7 @@ class Figure(NamedTuple):
 
     @property
     def url(self) -> str:
-        kind = "gif" if self.content.startswith(b"GIF") else "png"
-        return f"data:image/{kind};base64,{base64.b64encode(self.content).decode()}"
+        return f"data:image/png;base64,{base64.b64encode(self.content).decode()}"
 
 
 class Frame(NamedTuple):

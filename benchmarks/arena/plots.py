@@ -22,13 +22,14 @@ from lidarnaut.benchmarks.arena.trace import ProgressCurve, Trace
 from lidarnaut.envs.rendering import style
 
 
-def _hex(color: style.Colour) -> str:
+def hex_color(color: style.Colour) -> str:
+    """Return a color of the renderer for Matplotlib."""
     return "#{:02x}{:02x}{:02x}".format(*color)
 
 
-PAPER, INK, MUTED = "#ffffff", _hex(style.INK), _hex(style.MUTED)
+PAPER, INK, MUTED = "#ffffff", hex_color(style.INK), hex_color(style.MUTED)
 UNKNOWN, ERROR = "#e7e9ed", "#d43d2a"
-LINES = (*map(_hex, (style.TRUE, style.ESTIMATED, style.FRONTIER, style.LOOP)), "#d69400", "#42a5e0")
+LINES = (*map(hex_color, (style.TRUE, style.ESTIMATED, style.FRONTIER, style.LOOP)), "#d69400", "#42a5e0")
 """Line colours of policies; if there are more policies, colours repeat with the next line style."""
 DASHES = ("solid", (0, (5.0, 1.2)), (0, (6.0, 1.5, 1.5, 1.5)))
 TIMES = LinearSegmentedColormap.from_list("times", ("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"))

@@ -104,8 +104,7 @@ def parse_policy(
         from lidarnaut.agents.learned import find_policy, fingerprint
 
         path, chosen = split_parameters(rest)
-        chosen = {"deterministic": True, **chosen}
-        deterministic = chosen.pop("deterministic")
+        deterministic = chosen.pop("deterministic", True)
         for unknown in chosen:
             raise ValueError(f"policy {what!r}: unknown parameter {explain_unknown(unknown, ['deterministic'])}")
         if not isinstance(deterministic, bool):

@@ -8,16 +8,9 @@ from typing import Any
 import yaml
 from rich.console import Console
 
-from lidarnaut.benchmarks.arena import leaderboard
+from lidarnaut.benchmarks.arena import leaderboard, overview
 from lidarnaut.benchmarks.arena.episodes import Episodes, Summary
 from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key, write_csv
-from lidarnaut.benchmarks.arena.overview import (
-    case_sections,
-    curves_section,
-    gallery_section,
-    players_section,
-    worst_section,
-)
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
 from lidarnaut.benchmarks.arena.policies import short
 from lidarnaut.benchmarks.arena.runner import Evaluation
@@ -86,11 +79,10 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
     everything = Episodes({Key.of(row): row for row in (*episodes, *axis_rows)}.values(), measures)
     has_more = len(cases) > 1 or axis_rows or evaluation.missing() or docs
     sections = _leaderboard(evaluation, episodes, everything, command) if has_more else []
-    players = list(filter(None, [players_section(folder, episodes)]))
-    report = [*sections[:1], *players, *sections[1:]]
+    report = list(filter(None, (*sections[:1], overview.players_section(folder, episodes), *sections[1:])))
     for case, here in cases.items() if settings.world_sections else ():
         estimates = {policy: summary[policy][case] for policy in here.policies}
-        for section in case_sections(folder, case, here, estimates):
+        for section in overview.case_sections(folder, case, here, estimates):
             report.append(section)
             for figure in section.parts:
                 if isinstance(figure, Figure):
@@ -118,8 +110,8 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
         sections = [
             verdict_section(fair),
             *leaderboard.ranking_sections(fair),
-            worst_section(folder, fair),
-            curves_section(folder, fair),
+            overview.worst_section(folder, fair),
+            overview.curves_section(folder, fair),
             leaderboard.gap_section(fair),
             leaderboard.pairs_section(fair, measures.gaps),
             leaderboard.measures_section(fair),
@@ -130,7 +122,7 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
         leaderboard.worlds_section(episodes),
         leaderboard.unfinished_section(episodes),
         _missing_section(evaluation.missing(), len(episodes), len(fair)),
-        gallery_section(folder, episodes),
+        overview.gallery_section(folder, episodes),
         _origin_section(evaluation, command),
     ]
     return list(filter(None, sections))

@@ -59,18 +59,10 @@ class Trace:
 
     def to_bytes(self) -> bytes:
         archive = io.BytesIO()
-        np.savez_compressed(
-            archive,
-            curve=np.stack(self.curve).astype(np.float32),
-            trail=self.trail,
-            map=self.grid.data,
-            resolution=self.grid.resolution,
-            origin=self.grid.origin,
-            known_since=self.known_since,
-            start=self.start,
-            segments=self.segments,
-            circles=self.circles,
-        )
+        curve = np.stack(self.curve).astype(np.float32)
+        grid: dict[str, Any] = {"map": self.grid.data, "resolution": self.grid.resolution, "origin": self.grid.origin}
+        others = {name: getattr(self, name) for name in ("known_since", "start", "segments", "circles")}
+        np.savez_compressed(archive, curve=curve, trail=self.trail, **grid, **others)
         return archive.getvalue()
 
     @classmethod

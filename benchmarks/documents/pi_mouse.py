@@ -43,8 +43,7 @@ def explore_and_return(world: str, seed: int, out: Path, goals: int, minutes: fl
             Panel("Map and estimated path", grid, start.transform(mapped.robots[0].trail.positions), wrong, start),
             Panel("Global tree", grid, edges, wrong, start),
         ]
-        view, note = np.reshape(walls.bounds, (2, 2)), f"{world}: RRT, Hector without odometry"
-        draw_maps(out / "map_and_tree.png", panels, view, note)
+        draw_maps(out / "map_and_tree.png", panels, walls, f"{world}: RRT, Hector without odometry")
     setup = Setup(mapped.world, mapped.robot, area, "bullet")
     estimator = make_slam(slam, mapped.robot.lidar, RESOLUTION, odometry_noise=mapped.robot.odometry.noise)
     row, _ = measure_drive(setup, record_drive(setup, seed, 60.0 * minutes), estimator, seed)

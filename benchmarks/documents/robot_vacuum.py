@@ -98,8 +98,8 @@ def run_drive(kind: str, seed: int, pictures: Path | None, quick: bool) -> dict[
         errors[f"{of} final error [m]"] = math.hypot(*off[-1, :2])
         errors[f"{of} cells changed by saving"] = float(np.count_nonzero(saved != slam.belief.grid.data))
     if pictures is not None:
-        view = np.reshape(crop_to_known(setup.area.walls, margin=0).bounds, (2, 2))
-        draw_maps(pictures / "robot_vacuum.png", panels, view, "aws_small_house, Create 3")
+        walls = crop_to_known(setup.area.walls, margin=0)
+        draw_maps(pictures / "robot_vacuum.png", panels, walls, "aws_small_house, Create 3")
     return errors
 
 

@@ -1,6 +1,5 @@
 """Accuracy of AMCL in known worlds and on the log of a real robot."""
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -32,7 +31,6 @@ from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from lidarnaut.envs.localization import PRESETS, Amcl, AmclParams, load_preset
 from lidarnaut.envs.logs import Log, load_log, rms, trajectory_errors
 from lidarnaut.envs.robots import LidarParams
-from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.slam import KnownPoses, TinySlamParams
 from lidarnaut.envs.tasks.goals import known_map
 from lidarnaut.envs.worlds import load_world
@@ -211,7 +209,7 @@ def compare_on_log(log: Path = LOG) -> list[Row]:
         log: log file with reference poses (array `corr`), used to build the map.
     """
     read, drive = load_reference(log)
-    grid = reference_map(read, drive.truth)
+    grid = reference_map(read.lidar, drive)
     rows = []
     for name, params in FILTERS.items():
         seeds = LOG_SEEDS[:1] if params.sensor == "beam" else LOG_SEEDS
@@ -232,13 +230,11 @@ def load_reference(path: Path, num_scans: int | None = None) -> tuple[Log, Drive
     return log, Drive(log.ranges, np.array(list(log.motions())), reference, np.zeros(len(reference), dtype=bool))
 
 
-def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
-    """Build an occupancy grid from a log's scans at reference poses (x, y, heading), shape (m, 3) [m, m, rad]."""
-    mapper = KnownPoses(log.lidar, HIT_COUNTS)
+def reference_map(lidar: LidarParams, drive: Drive) -> OccupancyGrid:
+    """Build an occupancy grid from the scans of a drive at its reference poses."""
+    mapper = KnownPoses(lidar, HIT_COUNTS)
     mapper.reset(np.random.default_rng(0))
-    poses = [Pose2D(0.0, 0.0, 0.0), *(Pose2D(*row) for row in reference.tolist())]
-    for ranges, (before, pose) in zip(log.ranges, itertools.pairwise(poses)):
-        mapper.update(Reading.of_scan(ranges), before.between(pose))
+    track(mapper, drive.at_true_poses())
     grid = mapper.belief.grid
     data = np.where(grid.data >= SHARE_OF_HITS, OCCUPIED, np.minimum(grid.data, 0)).astype(np.int8)
     return OccupancyGrid(data, grid.resolution, grid.origin)

@@ -11,6 +11,7 @@ from matplotlib.transforms import Affine2D
 from PIL import Image
 from scipy import ndimage
 
+from lidarnaut.benchmarks.arena.plots import hex_color
 from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.rendering import style
@@ -37,12 +38,9 @@ class Panel(NamedTuple):
     """Pose of the map frame in the figure's frame."""
 
 
-def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str) -> None:
-    """Plot maps side by side at equal scale, with scale bar, note and legend.
-
-    The plot limits enclose all `points`, shape (k, 2) [m].
-    """
-    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - VIEW_MARGIN, points.max(axis=0) + VIEW_MARGIN
+def draw_maps(path: Path, panels: Sequence[Panel], walls: OccupancyGrid, note: str) -> None:
+    """Plot maps of the area `walls` side by side at equal scale, with scale bar, note and legend."""
+    (x_min, y_min), (x_max, y_max) = np.reshape(walls.bounds, (2, 2)) + [[-VIEW_MARGIN], [VIEW_MARGIN]]
     legend = LEGEND if panels[-1].wrong is None else {**LEGEND, f"wall more than {WALL_TOLERANCE:g} m off": WRONG}
     lines = -(-len(panels) // COLUMNS)
     height = lines * (WIDTH / COLUMNS * (y_max - y_min) / (x_max - x_min) + 0.3) + 0.4
@@ -60,16 +58,16 @@ def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str
         left, low, right, high = grid.bounds
         image = ax.imshow(colours.astype(np.uint8), origin="lower", extent=(left, right, low, high))
         image.set_transform(Affine2D().rotate(map_pose.theta).translate(map_pose.x, map_pose.y) + ax.transData)
-        ax.plot(*driven[:, :2].T, color=_rgb(PATH), linewidth=0.5, alpha=0.7)
+        ax.plot(*driven[:, :2].T, color=hex_color(PATH), linewidth=0.5, alpha=0.7)
         size = x_max - x_min, y_max - y_min
-        ax.add_patch(Rectangle((x_min, y_min), *size, facecolor=_rgb(style.UNKNOWN), zorder=-1))
+        ax.add_patch(Rectangle((x_min, y_min), *size, facecolor=hex_color(style.UNKNOWN), zorder=-1))
         ax.set(xlim=(x_min, x_max), ylim=(y_min, y_max))
         ax.set_title(title, fontsize=10)
     gap, length = 0.06 * (x_max - x_min), 5.0 if x_max - x_min > 8.0 else 1.0
     x, y = x_max - length - gap, y_min + gap
-    axes[0].plot([x, x + length], [y, y], color=_rgb(style.INK), linewidth=3, solid_capstyle="butt")
+    axes[0].plot([x, x + length], [y, y], color=hex_color(style.INK), linewidth=3, solid_capstyle="butt")
     axes[0].text(x + 0.5 * length, y + 0.2 * gap, f"{length:g} m", ha="center", va="bottom", fontsize=9)
-    marks = [Patch(facecolor=_rgb(colour), edgecolor="0.6", label=text) for text, colour in legend.items()]
+    marks = [Patch(facecolor=hex_color(colour), edgecolor="0.6", label=text) for text, colour in legend.items()]
     figure.text(0.01, 0.2 / height, note, fontsize=9, va="center")
     figure.legend(handles=marks, loc="center right", bbox_to_anchor=(0.995, 0.2 / height), ncols=5, fontsize=8)
     figure.savefig(path, dpi=100)
@@ -91,7 +89,3 @@ def wrong_cells(grid: OccupancyGrid, map_pose: Pose2D, walls: OccupancyGrid) -> 
     wrong = np.zeros(grid.data.shape, dtype=np.bool_)
     wrong[tuple(occupied[is_wrong].T)] = True
     return wrong
-
-
-def _rgb(colour: style.Colour) -> tuple[float, ...]:
-    return tuple(part / 255 for part in colour)

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from lidarnaut.benchmarks.drives.localization import MAX_POSITION_ERROR
 from lidarnaut.benchmarks.drives.maps import Panel, draw_maps, wrong_cells
 from lidarnaut.benchmarks.drives.recording import (
     PERIOD,
@@ -58,8 +59,6 @@ HELD_OUT = (
     "maze:1",
 )
 """Asymmetric test worlds for kidnapped robots, not used to tune relocalization."""
-MAX_POSITION_ERROR = 0.5
-"""Maximum position error of a robot that counts as relocalized [m]."""
 
 
 def compare_slams(
@@ -105,7 +104,7 @@ def compare_slams(
         if picture is not None and name == drives[-1]:
             length = np.hypot(*np.diff(recorded[-1].truth[:, :2], axis=0).T).sum()
             note = f"{world}: {robot.name}, {robot.lidar.range_max:g} m lidar, {length:.0f} m in {minutes:g} minutes"
-            draw_maps(picture, panels, np.reshape(crop_to_known(walls, margin=0).bounds, (2, 2)), note)
+            draw_maps(picture, panels, crop_to_known(walls, margin=0), note)
     return rows
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.worlds import World
+from lidarnaut.envs.worlds.world import World, box, edges
 
 SIDE, WALL = 16.0, 0.2
 """Inner side length of a hall, and wall thickness [m]."""
@@ -24,12 +24,7 @@ class Hall(NamedTuple):
 
     world: World
     boxes: list[tuple[float, ...]]
-    """Crates and walls: centre x, y, yaw, length and width [m, m, rad, m, m]."""
-
-
-def outline(x: float, y: float, yaw: float, length: float, width: float) -> np.ndarray:
-    corners = Pose2D(x, y, yaw).transform(0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length, width))
-    return np.hstack([corners, np.roll(corners, -1, axis=0)])
+    """Crates and walls: centre x, y, length, width and yaw [m, m, m, m, rad]."""
 
 
 @lru_cache(maxsize=2)
@@ -53,11 +48,11 @@ def make_hall(num_bodies: int) -> Hall:
         # Crates are inscribed in their circle at any yaw.
         diagonal = rng.uniform(math.pi / 8, 3 * math.pi / 8)
         size = 2.0 * radius * math.cos(diagonal), 2.0 * radius * math.sin(diagonal)
-        crates.append((x, y, float(rng.uniform(-math.pi, math.pi)), *size))
+        crates.append((x, y, *size, float(rng.uniform(-math.pi, math.pi))))
     half, middle, length = 0.5 * SIDE, 0.5 * (SIDE + WALL), SIDE + 2.0 * WALL
-    segments = np.vstack([outline(0.0, 0.0, 0.0, SIDE, SIDE), *(outline(*crate) for crate in crates)])
+    segments = np.vstack([edges(box(*sides)) for sides in ((0.0, 0.0, SIDE, SIDE), *crates)])
     pillars = np.ascontiguousarray(placed[::PILLARS] * (1.0, 1.0, 0.5))
     spawns, bounds = (Pose2D(0.0, 0.0, 0.0),), (-half, -half, half, half)
     world = World(f"hall_{num_bodies}", segments, pillars, spawns=spawns, bounds=bounds)
-    walls = [(0.0, y, 0.0, length, WALL) for y in (middle, -middle)]
-    return Hall(world, [*crates, *walls, *((x, 0.0, 0.0, WALL, SIDE) for x in (middle, -middle))])
+    walls = [(0.0, y, length, WALL, 0.0) for y in (middle, -middle)]
+    return Hall(world, [*crates, *walls, *((x, 0.0, WALL, SIDE, 0.0) for x in (middle, -middle))])

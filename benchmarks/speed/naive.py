@@ -12,7 +12,8 @@ import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.benchmarks.speed.halls import Hall
-from lidarnaut.benchmarks.speed.naive_slam import ORIGIN, NaiveSlam
+from lidarnaut.benchmarks.speed.naive_slam import NaiveSlam
+from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.estimation.motion import wheel_motion
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.robots import RobotParams
@@ -40,7 +41,7 @@ class NaivePhysics:
         bullet.setTimeStep(1.0 / PHYSICS_HZ)
         plane = bullet.createMultiBody(0.0, bullet.createCollisionShape(bullet.GEOM_PLANE))
         bullet.setCollisionFilterGroupMask(plane, -1, GROUND, ROLLING)
-        for x, y, yaw, *sides in hall.boxes:
+        for x, y, *sides, yaw in hall.boxes:
             half_extents = [0.5 * side for side in (*sides, height)]
             shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half_extents)
             turned = bullet.getQuaternionFromEuler([0.0, 0.0, yaw])

@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 
+from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam import TinySlamParams
 from lidarnaut.envs.slam.matching.covariance import NoiseRecord, motion_stds
-
-ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 def score(values: np.ndarray, points: np.ndarray, poses: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
+from lidarnaut.benchmarks.arena.plots import hex_color
 from lidarnaut.envs.files import read_record
 from lidarnaut.envs.rendering import style
 from lidarnaut.envs.robots import ROBOT_NAMES, RobotParams, load_robot
@@ -43,6 +44,8 @@ SIZE, DPI = (4.0, 3.4), 110
 """Width and height of a picture [in]; pixels per inch."""
 BAR_LENGTHS = np.array([0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0])
 """Lengths that a scale bar may have [m]."""
+_INK, _BODY, _PERSON = map(hex_color, (style.INK, style.RULE, style.PERSON))
+_SPAWN, _GOAL = map(hex_color, (style.ESTIMATED, style.FRONTIER))
 
 
 def pages(folder: Path) -> dict[str, str]:
@@ -84,11 +87,9 @@ def draw_world(world: World) -> Figure:
         ax.add_patch(Circle(person.waypoints[0], person.radius, color=_PERSON))
     for k, spawn in enumerate(world.spawns):
         marker = (3, 0, np.degrees(spawn.theta) - 90.0)
-        face = "none" if k else _SPAWN
-        ax.plot(spawn.x, spawn.y, marker=marker, markersize=8, markerfacecolor=face, markeredgecolor=_SPAWN)
+        ax.plot(spawn.x, spawn.y, marker=marker, markersize=8, color=_SPAWN, fillstyle="none" if k else "full")
     for k, goal in enumerate(world.goals):
-        face = "none" if k else _GOAL
-        ax.plot(goal.x, goal.y, marker="s", markersize=6, markerfacecolor=face, markeredgecolor=_GOAL)
+        ax.plot(goal.x, goal.y, marker="s", markersize=6, color=_GOAL, fillstyle="none" if k else "full")
     return figure
 
 
@@ -107,23 +108,14 @@ def draw_robot(robot: RobotParams) -> Figure:
         corner = (-drive.wheel_radius, side * drive.track / 2 - drive.wheel_width / 2)
         ax.add_patch(Rectangle(corner, 2 * drive.wheel_radius, drive.wheel_width, color=_INK))
     for caster in robot.casters:
-        ax.add_patch(Circle((caster.x, caster.y), caster.radius, color=_colour(style.MUTED)))
+        ax.add_patch(Circle((caster.x, caster.y), caster.radius, color=hex_color(style.MUTED)))
     mount, half, heading = lidar.mount, 0.5 * np.degrees(lidar.fov), np.degrees(lidar.mount.yaw)
-    colour = _colour(style.LIDAR)
+    colour = hex_color(style.LIDAR)
     ax.add_patch(Wedge((mount.x, mount.y), 3 * reach, heading - half, heading + half, color=colour, alpha=0.12))
     ax.add_patch(Circle((mount.x, mount.y), 0.12 * robot.radius, color=colour))
     ax.add_patch(Circle((0.0, 0.0), robot.radius, fill=False, edgecolor=_INK, linestyle=(0, (4, 3)), linewidth=1.0))
     ax.annotate("", (0.95 * reach, 0.0), (0.6 * reach, 0.0), arrowprops={"arrowstyle": "->", "color": _SPAWN, "lw": 2})
     return figure
-
-
-def _colour(colour: style.Colour) -> tuple[float, ...]:
-    """Return a colour of the renderer for Matplotlib."""
-    return tuple(value / 255.0 for value in colour)
-
-
-_INK, _BODY, _PERSON, _SPAWN = (_colour(c) for c in (style.INK, style.RULE, style.PERSON, style.ESTIMATED))
-_GOAL = _colour(style.FRONTIER)
 
 
 def _new_figure(bounds: tuple[float, float, float, float]) -> tuple[Figure, Axes]:

@@ -26,14 +26,9 @@ from lidarnaut.benchmarks.arena.policies import parse_policy
 from lidarnaut.envs.player import EpisodeRecorder, build_page
 from lidarnaut.envs.worlds import load_world
 
-INCLUDED = {
-    "CONTRIBUTING.md": "contributing.md",
-    "CHANGELOG.md": "changelog.md",
-    "agents/pretrained/frontiers/README.md": "pretrained.md",
-    "agents/pretrained/twist/README.md": "pretrained.md",
-    "agents/pretrained/crowd/README.md": "pretrained.md",
-    "agents/pretrained/reach/README.md": "pretrained.md",
-}
+INCLUDED = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+PRETRAINED = "frontiers", "twist", "crowd", "reach"
+INCLUDED |= {f"agents/pretrained/{name}/README.md": "pretrained.md" for name in PRETRAINED}
 """Markdown files outside docs, and the pages that include them."""
 
 PRINTED = ("map", "robot", "sensor", "reward", "observation", "slam", "explorer", "task")

@@ -11,7 +11,7 @@ from scipy import ndimage
 from lidarnaut.benchmarks.speed import __main__ as command
 from lidarnaut.benchmarks.speed import parts
 from lidarnaut.benchmarks.speed.designs import Design, benchmark_robot, make_actions
-from lidarnaut.benchmarks.speed.halls import GAP, make_hall, outline
+from lidarnaut.benchmarks.speed.halls import GAP, make_hall
 from lidarnaut.benchmarks.speed.kernels import make_kernels
 from lidarnaut.benchmarks.speed.naive import NaiveExploreEnv, NaivePhysics
 from lidarnaut.benchmarks.speed.naive_slam import NaiveSlam
@@ -25,6 +25,7 @@ from lidarnaut.envs.slam import load_params, make_slam
 from lidarnaut.envs.slam.grid_map import MAX_COUNT, probabilities
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.worlds import rasterize
+from lidarnaut.envs.worlds.world import box, edges
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def test_a_hall_is_closed_passable_and_the_same_each_time(num_bodies):
     assert len(crates) + len(hall.world.circles) == num_bodies
     np.testing.assert_array_equal(hall.world.segments, make_hall.__wrapped__(num_bodies).world.segments)
     # The world's segments are the outlines of the boxes, and the inner faces of the walls.
-    np.testing.assert_array_equal(hall.world.segments[4:], np.vstack([outline(*crate) for crate in crates]))
+    np.testing.assert_array_equal(hall.world.segments[4:], np.vstack([edges(box(*crate)) for crate in crates]))
     assert np.abs(hall.world.segments[:4]).min() == min(abs(x + y) - 0.1 for x, y, *_ in walls)
     # Every collision-free position outside of crates and pillars is reachable.
     raster = rasterize(hall.world, 0.05)
@@ -48,18 +49,13 @@ def test_a_hall_is_closed_passable_and_the_same_each_time(num_bodies):
     cells = np.argwhere(pieces > 0)
     points = raster.centers(cells)
     solid = np.zeros(len(points), dtype=bool)
-    for x, y, yaw, length, width in crates:
+    for x, y, length, width, yaw in crates:
         solid |= (np.abs(Pose2D(x, y, yaw).inverse().transform(points)) < (0.5 * length, 0.5 * width)).all(axis=1)
     for x, y, radius in hall.world.circles:
         solid |= np.hypot(*(points - (x, y)).T) < radius
     assert len(np.unique(pieces[tuple(cells[~solid].T)])) == 1
     assert np.count_nonzero(~solid) * 0.05**2 > 100.0
     assert clearance(0.0, 0.0, hall.world.segments, hall.world.circles) > GAP
-
-
-def test_a_box_is_outlined_where_it_stands():
-    sides = [[0, 4, 0, 0], [0, 0, 2, 0], [2, 0, 2, 4], [2, 4, 0, 4]]
-    np.testing.assert_allclose(outline(1.0, 2.0, math.pi / 2, 4.0, 2.0), sides, atol=1e-12)
 
 
 @pytest.mark.parametrize("uses_truth", [False, True])

@@ -270,7 +270,7 @@ def test_a_covariance_turns_the_cloud():
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
 def test_the_beginning_of_the_intel_log():
     log, drive = load_reference(DATA / "scans_2725.npz", 400)
-    grid = reference_map(log, drive.truth)
+    grid = reference_map(log.lidar, drive)
     measures = measure_filter(drive, log.lidar, grid, replace(PARAMS, relocalize=False), 0)
     assert measures["position_rmse_m"] < 0.1
     assert measures["heading_rmse_deg"] < 4.0
