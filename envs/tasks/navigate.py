@@ -190,9 +190,6 @@ class Navigate(KnownMapTask, GoalTask):
             "reached": float(self.end_reason is not None),
         }
 
-    def quantities(self) -> dict[str, float]:
-        return self._quantities
-
     def metrics(self) -> dict[str, Any]:
         pose, goal = self._true_pose, self._true_goal
         return {

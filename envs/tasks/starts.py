@@ -55,6 +55,7 @@ class WorldTask(Task):
         check_positive(map_resolution=self.map_resolution)
         self._start = read_start(self.start, self.num_robots)
         self._sample = self._sampler(self.world)
+        self._quantities: dict[str, float] = {}  # set by `update`
 
     def _sampler(self, world: Any) -> WorldSampler:
         settings: dict[str, Any] = {"split": self.split, "size": self.world_size, "radius": self.robot.radius}
@@ -106,6 +107,9 @@ class WorldTask(Task):
             chosen = draw_starts(area, world, robot, chosen[0], self.num_robots, rng)
         self.starts = chosen
         return chosen
+
+    def quantities(self) -> dict[str, float]:
+        return self._quantities
 
 
 @dataclass(kw_only=True, eq=False)
