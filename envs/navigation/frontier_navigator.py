@@ -326,7 +326,8 @@ class FrontierNavigator:
         past = self._seen, self.failures, self.target or NO_POSITION, self.params.retry_radius
         frame = *planning.origin, planning.side
         self._seen, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
-        self.candidates = Candidates(table, int(chosen), self._last_failed, cells, planning.costmap_of(layer))
+        costmap = Costmap(layer.costs, planning.grid, layer.params)
+        self.candidates = Candidates(table, int(chosen), self._last_failed, cells, costmap)
 
     def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
         cells, starts = frontier_groups(self.map.frontier, self.map.tile_counts)

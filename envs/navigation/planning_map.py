@@ -171,9 +171,7 @@ class PlanningMap:
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> Costmap:
         """Return the costmap for a footprint radius, including visible obstacles; see `layer`."""
-        return self.costmap_of(self.layer(level, pose, obstacles, bodies))
-
-    def costmap_of(self, layer: CostLayer) -> Costmap:
+        layer = self.layer(level, pose, obstacles, bodies)
         return Costmap(layer.costs, self.grid, layer.params)
 
     def integrate(self, pose: Pose2D, ranges: np.ndarray, lidar: LidarParams) -> None:

@@ -12,10 +12,9 @@ from pydantic.dataclasses import dataclass
 from lidarnaut.envs.files import parse_record, resolve
 
 from .orca import Orca
-from .social_force import SocialForce
+from .social_force import Share, SocialForce
 
 Number = Annotated[int, Field(ge=0, le=1000)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Radius = Annotated[float, Field(ge=0.1, le=1.0)]
 Speed = Annotated[float, Field(ge=0.05, le=5.0)]
 
