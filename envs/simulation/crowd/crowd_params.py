@@ -68,11 +68,7 @@ A mapping changes parameters of the crowd under its key `crowd`, or of the defau
 
 
 def crowd_of(people: PeopleLike) -> Crowd | None:
-    """Convert the argument `people` to crowd parameters; None stands for no people.
-
-    Raises:
-        ValueError: the crowd or a parameter is unknown, or a value is invalid.
-    """
+    """Convert the argument `people` to crowd parameters; None for no people. ValueError for invalid arguments."""
     changes: dict[str, Any] = {}
     if isinstance(people, str):
         people, _, text = people.partition("?")
