@@ -221,10 +221,7 @@ class GoalNavigator:
     def set_goal(self, goal: Sequence[float], heading: float | None = None) -> None:
         """Set a goal (x, y), map frame [m], and optionally the heading at the goal [rad].
 
-        After `set_tolerances`, `goal` may include the heading.
-
-        Raises:
-            ValueError: if a value is not finite.
+        After `set_tolerances`, `goal` may include the heading. ValueError if a value is not finite.
         """
         if heading is None and self._takes_headings and len(goal) > 2:
             heading = goal[2]
@@ -242,11 +239,7 @@ class GoalNavigator:
             self.map.reach_beyond([self.goal], self._margin)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the velocity command for the next control period and update `end_reason`.
-
-        Raises:
-            ValueError: if the reading is older than the previous reading.
-        """
+        """Return the next velocity command and update `end_reason`; ValueError if `reading` is older than the last."""
         planning = self._follow_map(belief)
         twist = self._decide(reading, belief, planning)
         self._navigator.note_command(twist)

@@ -58,11 +58,7 @@ class GoalTask(WorldTask):
         return self.set_goal(goal)  # type: ignore[arg-type]
 
     def set_goal(self, goal: Sequence[float]) -> float:
-        """Set a goal, (x, y, theta) or (x, y), map frame, and return a time limit for it [s].
-
-        Raises:
-            ValueError: the goal is not finite or not reachable.
-        """
+        """Set a goal (x, y[, theta]), map frame; return a time limit [s]. ValueError if not finite or reachable."""
         if isinstance(goal, str):
             raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
         read: Any = self._read_goal(goal)
