@@ -352,4 +352,7 @@ def test_parameters_of_dwb_are_those_of_dwb_only():
     navigator.reset(BURGER, 0.1, np.random.default_rng(0))
     navigator.set_goal((2.0, 0.0))
     assert 0.05 < navigator.act(reading_of(), Belief(HERE, hall())).v <= 0.1
-    assert GoalNavigator(GoalParams(local_planner="mppi")).dwb is None
+    navigator = GoalNavigator(GoalParams(local_planner="mppi"), dwb=DwbParams(max_vel_x=0.1))
+    navigator.reset(BURGER, 0.1, np.random.default_rng(0))
+    navigator.set_goal((2.0, 0.0))
+    assert navigator.act(reading_of(), Belief(HERE, hall())).v > 0.15
