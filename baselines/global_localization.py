@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pygame
 from PIL import Image
 
 from lidarnaut.baselines import make_explorer
@@ -18,14 +17,13 @@ from lidarnaut.baselines.episode import Episode, Info, begin_episode, decide_wit
 from lidarnaut.envs.command_line import Count, make_console, run_command
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams, crop_to_known
-from lidarnaut.envs.rendering.picture import Picture
+from lidarnaut.envs.rendering import Renderer
 from lidarnaut.envs.slam import DEFAULT_SLAM
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.goals import draw_goal
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.worlds import save_map
 
-PICTURE_SIZE = (1280, 720)
 FRAME_TIMES = {True: 0.1, False: 1.0}
 """Simulated time between animation frames [s], for a lost (True) or localized (False) robot."""
 FRAME_MS = {True: 400, False: 80}
@@ -39,7 +37,7 @@ class Animation:
     """Recorder of an animated GIF of a drive."""
 
     def __init__(self) -> None:
-        self._picture, self._next = Picture(PICTURE_SIZE), 0.0
+        self._renderer, self._next = Renderer("rgb_array", fps=10.0), 0.0
         self._frames: list[tuple[Image.Image, int]] = []
 
     def take(self, env: LidarEnv) -> None:
@@ -47,8 +45,8 @@ class Animation:
         if scene.time < self._next:
             return
         self._next = scene.time + FRAME_TIMES[scene.belief.is_lost] - 1e-6
-        pixels = pygame.image.tobytes(self._picture.paint(scene), "RGB")
-        self._frames.append((Image.frombytes("RGB", PICTURE_SIZE, pixels), FRAME_MS[scene.belief.is_lost]))
+        picture = Image.fromarray(np.asarray(self._renderer.draw(scene)))
+        self._frames.append((picture, FRAME_MS[scene.belief.is_lost]))
 
     def save(self, path: Path) -> None:
         kept = self._frames[:: -(-len(self._frames) // MAX_FRAMES)]

@@ -72,11 +72,7 @@ def fail(error: object) -> int:
 
 
 def parse_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any) -> Any:
-    """Parse a command line into a class instance or function call by `tyro.cli(**how)`.
-
-    Raises:
-        ValueError: if an option, or a value of a pydantic model, is invalid.
-    """
+    """Parse a command line by `tyro.cli(**how)`; ValueError if an option or a value of a pydantic model is invalid."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):

@@ -139,14 +139,14 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.explore = env = LidarEnv(self.task_kind, control_hz=control_hz, **arguments)
         """Underlying environment with velocity commands. Its observations are not used."""
         self._task: Explore = env.task
-        self.navigator = FrontierNavigator(
-            env.robot, env.control_period, max_candidates=max_candidates, max_time=max_decision_time
-        )
+        self._limits: Any = {"max_candidates": max_candidates, "max_time": max_decision_time}
+        self.navigator = FrontierNavigator(env.robot, env.control_period, **self._limits)
         self.render_mode = env.render_mode
         self.metadata = env.metadata
         self._max_candidates = max_candidates
         self._noted = np.empty((1, BLOCK, 4)), np.zeros((1, 2), dtype=np.int64)
-        self._is_fused = False
+        self.is_fused = False
+        """Whether one kernel call simulates several control periods."""
         self._map = MapCrop(resolution=FAR_PIXEL)
         self.action_space = spaces.Discrete(max_candidates)
         self._robot_features = robot_features(env.robot)
@@ -168,7 +168,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore = self.explore
         explore.begin(seed=seed, options=options)
         self._begin()
-        self._is_fused = not self.why_not_fused
+        self.is_fused = not self.why_not_fused
         self._steps, self._quantities = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
         self._home_reason: str | None = None
@@ -252,11 +252,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.explore.close()
 
     @property
-    def is_fused(self) -> bool:
-        """Whether one kernel call simulates several control periods."""
-        return self._is_fused
-
-    @property
     def why_not_fused(self) -> str:
         """Reason why one kernel call cannot simulate several control periods; empty if it can."""
         env = self.explore
@@ -284,7 +279,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _drive(self) -> str:
         while True:
-            result = self._advance_fused() if self._is_fused else self._advance()
+            result = self._advance_fused() if self.is_fused else self._advance()
             if result is not None:
                 self.explore.plan = self.navigator.plan
                 return result

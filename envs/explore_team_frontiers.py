@@ -73,11 +73,10 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
 
     task_kind = ExploreTeam
 
-    def __init__(self, *, num_robots: int = 2, max_decision_time: float = 4.0, **arguments: Any) -> None:
+    def __init__(self, *, num_robots: int = 2, **arguments: Any) -> None:
         if arguments.get("return_home"):
             raise ValueError("return_home supports one robot only: choose lidarnaut/ExploreFrontiers-v0")
-        super().__init__(num_robots=num_robots, max_decision_time=max_decision_time, **arguments)
-        self._max_time = max_decision_time
+        super().__init__(num_robots=num_robots, **arguments)
         self._peers = Peers(num_robots - 1)
         if num_robots > 1:
             assert isinstance(self.observation_space, spaces.Dict)
@@ -109,8 +108,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
 
     def _begin(self) -> None:
         explore, numbers = self.explore, range(len(self.explore.robots))
-        make = partial(TeamRobot, max_candidates=self._max_candidates, max_time=self._max_time)
-        team = [make(explore.robot, explore.control_period, k) for k in numbers]
+        team = [TeamRobot(explore.robot, explore.control_period, k, **self._limits) for k in numbers]
         self._team, explore.markers = TeamNavigator(explore.robot, team), partial(Markers.of, team)
         self._due = self._update()
         self._turn(self._due.pop(0) if self._due else team[0])

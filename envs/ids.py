@@ -16,11 +16,7 @@ EXPLORE, CHOOSE = "lidarnaut/Explore-v0", "lidarnaut/ExploreFrontiers-v0"
 
 
 def find_spec(id: str) -> EnvSpec:
-    """Return the Gymnasium `EnvSpec` of an environment id; `module:id` imports the module first.
-
-    Raises:
-        ValueError: if the module or the id is unknown.
-    """
+    """Return the `EnvSpec` of an id; `module:id` imports the module first. ValueError if module or id are unknown."""
     module, _, name = id.rpartition(":")
     if module and not name.startswith(("/", "\\")):
         if os.getcwd() not in sys.path:

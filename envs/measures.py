@@ -95,15 +95,10 @@ def final(history: EpisodeHistory, name: str) -> float:
     return float(np.sum(history.final[name]))
 
 
-def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
-    """Return the value of `quantity` when `fraction` first reaches `mark`; infinite if never. Both have shape (n,)."""
-    reached = fraction >= mark
-    return float(quantity[reached.argmax()]) if reached.any() else math.inf
-
-
 def when(history: EpisodeHistory, name: str, mark: float, quantity: str = "time") -> float:
     """Return a quantity, by default time [s], when an `info` entry first reaches `mark`; infinite if never."""
-    return first_at(history.of(quantity), history.of(name), mark)
+    reached = history.of(name) >= mark
+    return float(history.of(quantity)[reached.argmax()]) if reached.any() else math.inf
 
 
 def when_successful(history: EpisodeHistory, quantity: str = "time") -> float:

@@ -200,11 +200,8 @@ class Robot:
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
         """Map at several resolutions, for observations."""
         self._data = self.belief.grid.data, self.belief.grid.data.shape
-        row[at.MOTION_SETTINGS : at.ROBOT], row[at.POSE : at.POSE + 3], row[at.KEY_POSE] = (
-            self._setup,
-            self.belief.pose,
-            np.inf,
-        )
+        row[at.MOTION_SETTINGS : at.ROBOT], row[at.KEY_POSE] = self._setup, np.inf
+        row[at.POSE : at.POSE + 3] = self.belief.pose
         if self._setup.min_travel_distance == math.inf:
             row[at.KEY_POSE : at.KEY_POSE + 3] = self.belief.pose
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]

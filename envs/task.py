@@ -38,7 +38,17 @@ class ObservationPart(Protocol):
         ...
 
 
-class RowPart:
+class BoxPart:
+    """Base of built-in observation parts with `size` numbers from `low` to 1."""
+
+    low: float = -1.0
+    size: int
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        return spaces.Box(self.low, 1.0, (self.size,), np.float32)
+
+
+class RowPart(BoxPart):
     """Base of built-in observation parts, which write one observation entry of many robots in a single call.
 
     Subclasses define `write_rows(batch, out)` for active robots of a `Batch` of environments.

@@ -31,16 +31,9 @@ GOAL_PARAMS = GoalParams(local_planner="dwb", track_people=True)
 TURN_RATE = 1.0
 """Maximum yaw rate of keyboard commands [rad/s]."""
 HELP_HEIGHT = 52
-DIRECTIONS = {
-    pygame.K_UP: (1.0, 0.0),
-    pygame.K_w: (1.0, 0.0),
-    pygame.K_DOWN: (-1.0, 0.0),
-    pygame.K_s: (-1.0, 0.0),
-    pygame.K_LEFT: (0.0, 1.0),
-    pygame.K_a: (0.0, 1.0),
-    pygame.K_RIGHT: (0.0, -1.0),
-    pygame.K_d: (0.0, -1.0),
-}
+_SIGNS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+_ARROWS, _LETTERS = (pygame.K_UP, pygame.K_LEFT, pygame.K_DOWN, pygame.K_RIGHT), map(ord, "wasd")
+DIRECTIONS = {**dict(zip(_ARROWS, _SIGNS)), **dict(zip(_LETTERS, _SIGNS))}
 """Signs of forward speed and yaw rate for each key."""
 
 

@@ -8,10 +8,10 @@ import lidarnaut  # noqa: F401
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import GoalNavigator
 from lidarnaut.envs.rendering import style
-from lidarnaut.envs.tasks.goals import DeadReckoning
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.worlds import World, save_map
 from tests.rollouts import rollout

@@ -9,7 +9,6 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost, free_distance
 from lidarnaut.envs.observations.plan import LOOKAHEADS, look_ahead
-from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 TURN = 1.2
@@ -22,15 +21,11 @@ class PursuitDriving(RuleExplorer):
     Near obstacles and in recoveries, the standard navigator drives.
     """
 
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        super().reset(robot, control_period, rng)
-        self._robot = robot
-
     def act(self, reading: Reading, belief: Belief) -> Twist:
         twist, frontiers = super().act(reading, belief), self.navigator
         if frontiers is None or self.end_reason is not None:
             return twist
-        return pursue(frontiers, self._robot, belief.pose, twist, frontiers.navigator.obstacles)
+        return pursue(frontiers, belief.pose, twist, frontiers.navigator.obstacles)
 
 
 class PursuitExplorer(PursuitDriving):
@@ -40,15 +35,13 @@ class PursuitExplorer(PursuitDriving):
         super().__init__(GainOverCost(), max_time=1.0)
 
 
-def pursue(
-    frontiers: FrontierNavigator, robot: RobotParams, pose: Pose2D, twist: Twist, obstacles: np.ndarray
-) -> Twist:
+def pursue(frontiers: FrontierNavigator, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
     """Return the velocity command towards a point ahead on the planned path.
 
     In recoveries, or with an obstacle in the way, returns `twist`, the command of the standard navigator. `frontiers`:
     navigator that drives to the frontier. `obstacles`: points, shape (n, 2), float64, base frame [m].
     """
-    navigator = frontiers.navigator
+    navigator, robot = frontiers.navigator, frontiers.robot
     if navigator.is_recovering or navigator.plan is None:
         return twist
     path = np.vstack([navigator.plan, np.array(frontiers.target)])  # frontier

@@ -54,7 +54,8 @@ class Tour:
         self._last: np.ndarray | None = None
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
-        stops, frontiers = self._stops(candidates), candidates["frontier"]
+        stops, _ = cover(candidates.table, self._cover, self._params.max_stops, by_group=True)
+        frontiers = candidates["frontier"]
         _, totals = best_tours(path_lengths(candidates.costmap, belief.pose[:2], candidates["viewpoint"][stops]))
         if self._last is not None:
             gaps = np.hypot(*(frontiers[stops] - self._last).T)
@@ -66,17 +67,6 @@ class Tour:
         scores[stops] = -totals
         return scores
 
-    def _stops(self, candidates: Candidates) -> np.ndarray:
-        frontiers, groups = candidates["frontier"], candidates["group"]
-        left = candidates["failures"] == candidates["failures"].min()
-        stops: list[int] = []
-        for k in range(len(candidates)):
-            if left[k] and len(stops) < self._params.max_stops:
-                stops.append(k)
-                gaps = np.hypot(*(frontiers - frontiers[k]).T)
-                left[(groups == groups[k]) & (gaps <= self._cover)] = False
-        return np.array(stops)
-
 
 class TourExplorer(RuleExplorer):
     """Drives to the first stop of a short tour past all frontiers.
@@ -87,6 +77,28 @@ class TourExplorer(RuleExplorer):
     def __init__(self, params: TourParams = TourParams()) -> None:
         planning = PlanningParams(min_lengths=(2 * MIN_LENGTHS[0], *MIN_LENGTHS), max_extent=VIEWPOINT_SPACING)
         super().__init__(Tour(params), max_time=TOUR_PERIOD, max_candidates=MAX_CANDIDATES, planning=planning)
+
+
+def cover(table: np.ndarray, radius: float, max_stops: int, *, by_group: bool = False) -> tuple[list[int], np.ndarray]:
+    """Select tour stops, in the order of path cost, until each frontier is within `radius` [m] of a stop.
+
+    `table`: candidates (reachable frontiers) of all robots, shape (n,), dtype `CANDIDATE`. `by_group`: stops only count
+    for parts of the same long frontier.
+
+    Returns:
+        Candidate indices of the stops; stop of each candidate, shape (n,), int64, -1 for none.
+    """
+    stops, stop_of = list[int](), np.full(len(table), -1)
+    is_left = table["failures"] == table["failures"].min()
+    for k in np.argsort(table["cost"], kind="stable").tolist():
+        if is_left[k] and len(stops) < max_stops:
+            gaps = np.hypot(*(table["frontier"] - table["frontier"][k]).T)
+            is_near = is_left & (gaps <= radius)
+            if by_group:
+                is_near &= table["group"] == table["group"][k]
+            stop_of[is_near], is_left = len(stops), is_left & ~is_near
+            stops.append(k)
+    return stops, stop_of
 
 
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:

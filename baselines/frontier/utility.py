@@ -84,12 +84,8 @@ class FrontierUtility:
 
     def __init__(self, params: FrontierParams) -> None:
         self._params, self._steps = params, params.relaxed()
-        self._clear()
 
     def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
-        self._clear()
-
-    def _clear(self) -> None:
         self.goal: tuple[float, float] | None = None
         self.relaxation = 0
         self.blacklist: list[tuple[float, float]] = []

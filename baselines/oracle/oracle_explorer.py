@@ -73,7 +73,6 @@ class OracleExplorer:
     def __init__(self) -> None:
         self._rest = NearestExplorer()
         self._coverage: Coverage | None = None
-        self._is_done = False
 
     @property
     def end_reason(self) -> str | None:

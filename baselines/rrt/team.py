@@ -86,10 +86,6 @@ class RrtTeam(TeamExplorer):
         trees = [tree.edges for tree in reversed(detector.trees)]
         return markers._replace(clusters=detector.points, points=detector.found, trees=trees)
 
-    @property
-    def points(self) -> np.ndarray:
-        return NO_POINTS if self._detector is None else self._detector.points
-
     def _make_robot(self, index: int) -> RrtRobot:
         return RrtRobot(self._robot, self._control_period, self._params, index)
 
@@ -98,7 +94,7 @@ class RrtTeam(TeamExplorer):
         self._detector.detect(beliefs[0].grid, [belief.pose[:2] for belief in beliefs])
         for robot in team:
             assert isinstance(robot, RrtRobot)
-            robot.points = self.points
+            robot.points = self._detector.points
 
     def _command(self, robot: TeamRobot, belief: Belief) -> Twist:
         return robot.command(belief)

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from lidarnaut.baselines.frontier.rule_explorer import FrontierRule
-from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, path_lengths
+from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, cover, path_lengths
 from lidarnaut.baselines.teams.tours import min_max_tours
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates, GainOverCost
@@ -79,7 +79,7 @@ class MinMaxTours:
             return [UNASSIGNED] * len(offers)
         owners = np.repeat(np.arange(len(offers)), [len(candidates) for candidates in offers])
         firsts = np.searchsorted(owners, np.arange(len(offers)))
-        stops, stop_of = cover(table)
+        stops, stop_of = cover(table, COVER_RADIUS, MAX_STOPS)
         is_known = stop_of >= 0
         lengths, work = np.full((len(offers), len(stops)), UNREACHABLE_LENGTH), np.zeros(len(stops))
         np.minimum.at(lengths, (owners[is_known], stop_of[is_known]), table["cost"][is_known])
@@ -102,22 +102,3 @@ class MinMaxTours:
         for k, index in zip(left, rest, strict=True):
             chosen[k] = index
         return chosen
-
-
-def cover(table: np.ndarray) -> tuple[list[int], np.ndarray]:
-    """Select tour stops, in the order of path cost, until each frontier is near a stop.
-
-    `table`: candidates (reachable frontiers) of all robots, shape (n,), dtype `CANDIDATE`.
-
-    Returns:
-        Candidate indices of the stops; stop of each candidate, shape (n,), int64, -1 for none.
-    """
-    stops, stop_of = list[int](), np.full(len(table), -1)
-    is_left = table["failures"] == table["failures"].min()
-    for k in np.argsort(table["cost"], kind="stable").tolist():
-        if is_left[k] and len(stops) < MAX_STOPS:
-            gaps = np.hypot(*(table["frontier"] - table["frontier"][k]).T)
-            is_near = is_left & (gaps <= COVER_RADIUS)
-            stop_of[is_near], is_left = len(stops), is_left & ~is_near
-            stops.append(k)
-    return stops, stop_of

@@ -67,7 +67,7 @@ class TeamExplorer:
         if (due or is_time) and math.isfinite(self.period):
             self._steps = 0
             for robot in navigator.team:
-                if robot not in due and robot.may_turn_away:
+                if robot not in due and robot.driving_to is not None and not robot.navigator.is_recovering:
                     robot.refresh(readings[robot.index], beliefs[robot.index])
                     due.append(robot)
         if due:
@@ -91,4 +91,4 @@ class TeamExplorer:
         twist, drive = robot.command(belief), robot.navigator
         if robot.yielding_to is not None:
             return twist
-        return pursue(robot, self._robot, belief.pose, twist, drive.arrays.obstacles[: drive.record["num_obstacles"]])
+        return pursue(robot, belief.pose, twist, drive.arrays.obstacles[: drive.record["num_obstacles"]])

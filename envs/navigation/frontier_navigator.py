@@ -52,9 +52,7 @@ class FrontierNavigator:
         cheapest first; None for all. `max_time`: maximum drive time [s].
         """
         self.navigator = Navigator(robot, control_period, params, max_time=max_time)
-        self.params = params
-        self._robot = robot
-        self._planning_params = planning
+        self.robot, self.params, self._planning_params = robot, params, planning
         self._max_candidates = max_candidates if max_candidates is not None else 1 << 30
         self._look_radius = min(params.look_radius * robot.radius, 0.75)
         self._min_steps = max(1, round(params.min_time / control_period))
@@ -63,7 +61,7 @@ class FrontierNavigator:
 
     def begin(self, reading: Reading, belief: Belief) -> None:
         """Begin an episode and find the first reachable frontiers."""
-        self.map = PlanningMap(self._robot, belief.grid.resolution, self._planning_params)
+        self.map = PlanningMap(self.robot, belief.grid.resolution, self._planning_params)
         self._lengths = tuple(max(1, round(length / self.map.side)) for length in self._planning_params.min_lengths)
         self.navigator.reset(reading)
         self._level = 0
@@ -328,7 +326,8 @@ class FrontierNavigator:
         past = self._seen, self.failures, self.target or NO_POSITION, self.params.retry_radius
         frame = *planning.origin, planning.side
         self._seen, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
-        self.candidates = Candidates(table, int(chosen), self._last_failed, cells, planning.costmap_of(layer))
+        costmap = Costmap(layer.costs, planning.grid, layer.params)
+        self.candidates = Candidates(table, int(chosen), self._last_failed, cells, costmap)
 
     def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
         cells, starts = frontier_groups(self.map.frontier, self.map.tile_counts)
@@ -387,8 +386,5 @@ class FrontierNavigator:
         away = np.cos(np.arctan2(cells[:, 0] + 0.5 - at[0], cells[:, 1] + 0.5 - at[1]) - middle)
         if not has_looked and (away < math.cos(WELL_IN_VIEW * half_fov)).any():
             return False
-        self._ignore(cells)
+        planning.ignore(planning.grid.centers(cells))
         return True
-
-    def _ignore(self, cells: np.ndarray) -> None:
-        self.map.ignore(self.map.grid.centers(cells))

@@ -157,9 +157,7 @@ class GoalNavigator:
         dwb: DwbParams = DwbParams(),
     ) -> None:
         """Create a navigator. `planning`: parameters; None for defaults that depend on whether the map is known."""
-        self.params, self.planning = params, planning
-        self.dwb = dwb if params.local_planner == "dwb" else None
-        """Parameters of the local planner `dwb`; None for others."""
+        self.params, self.planning, self._dwb = params, planning, dwb
         self.goal: tuple[float, float] | None = None
         """Goal (x, y), map frame [m]."""
         self.target: tuple[float, float] | None = None
@@ -173,10 +171,8 @@ class GoalNavigator:
         self._robot, self._period = robot, control_period
         limits = NavigatorParams(goal_tolerance=0.0, max_recoveries=self.params.max_recoveries)
         self._navigator = Navigator(robot, control_period, limits)
-        make_planner = resolve(self.params.local_planner, LOCAL_PLANNERS, "local planner")
-        self._planner: Any = make_planner(robot, control_period, rng)
-        if isinstance(self._planner, DwbPlanner) and self.dwb is not None:
-            self._planner = DwbPlanner(robot, control_period, self.dwb)
+        makers = {**LOCAL_PLANNERS, "dwb": lambda robot, period, _: DwbPlanner(robot, period, self._dwb)}
+        self._planner: Any = resolve(self.params.local_planner, makers, "local planner")(robot, control_period, rng)
         self._turns_itself = getattr(self._planner, "turns_at_goal", False)
         self._tracker = (
             PeopleTracker(robot.lidar, control_period, SENSITIVE_TRACKER) if self.params.track_people else None
@@ -225,10 +221,7 @@ class GoalNavigator:
     def set_goal(self, goal: Sequence[float], heading: float | None = None) -> None:
         """Set a goal (x, y), map frame [m], and optionally the heading at the goal [rad].
 
-        After `set_tolerances`, `goal` may include the heading.
-
-        Raises:
-            ValueError: if a value is not finite.
+        After `set_tolerances`, `goal` may include the heading. ValueError if a value is not finite.
         """
         if heading is None and self._takes_headings and len(goal) > 2:
             heading = goal[2]
@@ -246,11 +239,7 @@ class GoalNavigator:
             self.map.reach_beyond([self.goal], self._margin)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the velocity command for the next control period and update `end_reason`.
-
-        Raises:
-            ValueError: if the reading is older than the previous reading.
-        """
+        """Return the next velocity command and update `end_reason`; ValueError if `reading` is older than the last."""
         planning = self._follow_map(belief)
         twist = self._decide(reading, belief, planning)
         self._navigator.note_command(twist)

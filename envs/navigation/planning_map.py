@@ -167,22 +167,16 @@ class PlanningMap:
         """Occupancy grid of the planning cells (blocks of map cells)."""
         return OccupancyGrid(self.occupancy, self.side, self.origin)
 
-    def costmap(
-        self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
-    ) -> Costmap:
-        """Return the costmap for a footprint radius, including visible obstacles; see `layer`."""
-        return self.costmap_of(self.layer(level, pose, obstacles, bodies))
-
-    def costmap_of(self, layer: CostLayer) -> Costmap:
+    def costmap(self, level: int, pose: Pose2D, *points: np.ndarray) -> Costmap:
+        """Return the costmap for a footprint radius, including visible obstacles; arguments as for `layer`."""
+        layer = self.layer(level, pose, *points)
         return Costmap(layer.costs, self.grid, layer.params)
 
     def integrate(self, pose: Pose2D, ranges: np.ndarray, lidar: LidarParams) -> None:
         """Mark scanned obstacles that the map lacks; clear marked obstacles along beams.
 
         `pose`: base pose, map frame. `ranges`: shape (num_beams,) [m]; inf for no return, NaN for ignored beams.
-
-        Raises:
-            ValueError: if the pose is not finite, or the number of ranges is wrong.
+        ValueError if the pose is not finite, or the number of ranges is wrong.
         """
         if not all(map(math.isfinite, pose)):
             raise ValueError(f"pose must be finite, got {tuple(pose)}")

@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from lidarnaut.envs.navigation.frontier_navigator import FrontierNavigator
 from lidarnaut.envs.navigation.navigator_kernels import DRIVING, REPLAN
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.paths import TravelField, travel_field
-from lidarnaut.envs.navigation.planning_params import PlanningParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 
@@ -68,21 +68,14 @@ class TeamRobot(FrontierNavigator):
     """Frontier navigator of one robot in a team. The robot yields to teammates with the right of way."""
 
     def __init__(
-        self,
-        robot: RobotParams,
-        control_period: float,
-        index: int,
-        *,
-        patience: int = 1,
-        max_candidates: int | None = None,
-        max_time: float = math.inf,
-        planning: PlanningParams = PlanningParams(),
+        self, robot: RobotParams, control_period: float, index: int, *, patience: int = 1, **limits: Any
     ) -> None:
         """Create a navigator for one robot of a team.
 
-        `patience`: number of control periods without a reachable frontier before exploration ends.
+        `patience`: number of control periods without a reachable frontier before exploration ends. `limits`: further
+        arguments of `FrontierNavigator`.
         """
-        super().__init__(robot, control_period, max_candidates=max_candidates, max_time=max_time, planning=planning)
+        super().__init__(robot, control_period, **limits)
         self.index = index
         self.ended: str | None = None
         """Reason why the robot stopped exploring; None while exploring."""
@@ -116,10 +109,6 @@ class TeamRobot(FrontierNavigator):
         """True while the robot does not drive, recover or yield."""
         is_busy = self.navigator.has_goal or self.navigator.is_recovering or self.yielding_to is not None
         return self._has_begun and not is_busy
-
-    @property
-    def may_turn_away(self) -> bool:
-        return self.driving_to is not None and not self.navigator.is_recovering
 
     def advance(self, reading: Reading, belief: Belief, *, is_asked: bool) -> bool:
         """Process a sensor reading; return True if the robot needs a new frontier.

@@ -3,15 +3,15 @@
 import math
 
 import numpy as np
-from gymnasium import spaces
 from numba import njit
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost
 from lidarnaut.envs.navigation.candidates import HALF_AREA, HALF_COST
+from lidarnaut.envs.navigation.regulated_pursuit import nearest_index
 from lidarnaut.envs.robot import Robot
-from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.task import BoxPart
 
 LOOKAHEADS = (0.3, 0.6, 1.5)
 """Lookahead distances along a path [m]."""
@@ -28,12 +28,8 @@ def look_ahead(path, first, pose, distances, out):
     `distances`: increasing lookahead distances [m]. `out`: cosine and sine of each direction, robot frame, float32.
     """
     x, y, theta = pose
-    nearest, best = first, np.inf
-    for k in range(first, min(first + WINDOW, path.shape[0])):
-        squared = (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2
-        if squared < best:
-            nearest, best = k, squared
-    at, length = nearest, 0.0
+    at = nearest = nearest_index(path, x, y, first, WINDOW)
+    length = 0.0
     for i in range(len(distances)):
         while at + 1 < path.shape[0] and length < distances[i]:
             length += math.hypot(path[at + 1, 0] - path[at, 0], path[at + 1, 1] - path[at, 1])
@@ -43,7 +39,7 @@ def look_ahead(path, first, pose, distances, out):
     return nearest
 
 
-class Plan:
+class Plan(BoxPart):
     """Observation of planned paths to the best frontiers: `Box(-1, 1, (9 * num_candidates,), float32)`.
 
     Features of each frontier, best first by `gain_over_cost`: cosine and sine of the directions, robot frame, to points
@@ -62,10 +58,8 @@ class Plan:
                 f"{detection_time!r}, {num_candidates!r} and {max_candidates!r}"
             )
         self._detection_time, self._num, self._max = detection_time, num_candidates, max_candidates
+        self.size = WIDTH * num_candidates
         self._detections: dict[Robot, _Detection] = {}
-
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(-1.0, 1.0, (WIDTH * self._num,), np.float32)
 
     def reset(self, robot: Robot) -> None:
         navigator = FrontierNavigator(

@@ -13,7 +13,7 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
-from lidarnaut.envs.task import RowPart
+from lidarnaut.envs.task import BoxPart, RowPart
 
 GOAL_RANGE = 32.0
 """Distance to goal or start that is normalized to 1 [m]."""
@@ -31,7 +31,7 @@ ROUTE_POINTS = 0.4 * np.arange(10)
 """Distances along the route from the robot to observed route points [m]."""
 
 
-class TaskPart:
+class TaskPart(BoxPart):
     """Base class of observations that read attributes of the task."""
 
     def __init__(self, task: Any) -> None:
@@ -44,8 +44,7 @@ class Goal(TaskPart):
     Distance / 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference.
     """
 
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(-1.0, 1.0, (5,), np.float32)
+    size = 5
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         ahead = robot.belief.pose.between(self._task.goal)
@@ -77,9 +76,7 @@ class NearGoal(RowPart):
     def __init__(self, tells_distance: bool = True) -> None:
         """Set whether the distance to the goal is included (four features, else two)."""
         self._tells_distance = int(tells_distance)
-
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(-1.0, 1.0, (2 + 2 * self._tells_distance,), np.float32)
+        self.size = 2 + 2 * self._tells_distance
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
         write_goals(batch.numbers, batch.memory[GOAL_MEMORY], self._tells_distance, batch.active, out)
@@ -91,8 +88,7 @@ class Home(TaskPart):
     1 while the robot has to return, else 0; distance / 32 m (at most 1); cosine and sine of the bearing.
     """
 
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(-1.0, 1.0, (4,), np.float32)
+    size = 4
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         out[0] = self._task.is_returning
@@ -105,14 +101,13 @@ def _write_point(ahead: Pose2D, out: np.ndarray) -> None:
     out[1], out[2] = math.cos(bearing), math.sin(bearing)
 
 
-class PoseUncertainty:
+class PoseUncertainty(BoxPart):
     """Observation of the uncertainty of the pose estimate: `Box(0, 1, (3,), float32)`.
 
     Standard deviations of position / 1 m and heading / pi (at most 1), and 1 if the robot is lost, else 0.
     """
 
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(0.0, 1.0, (3,), np.float32)
+    low, size = 0.0, 3
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         x, y, theta = np.sqrt(np.diag(robot.belief.covariance)).tolist()
@@ -122,24 +117,20 @@ class PoseUncertainty:
 class Battery(TaskPart):
     """Observation of the battery: `Box(0, 1, (2,), float32)`. Charge (1 is full), and 1 while charging, else 0."""
 
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(0.0, 1.0, (2,), np.float32)
+    low, size = 0.0, 2
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         out[:] = self._task.charge, self._task.is_docked
 
 
-class Peers:
+class Peers(BoxPart):
     """Observation of teammates relative to the robot: `Box(-1, 1, (4 * num_peers,), float32)`.
 
     Per teammate: offsets forward and left / 16 m, cosine and sine of the relative heading.
     """
 
     def __init__(self, num_peers: int) -> None:
-        self._num_peers = num_peers
-
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(-1.0, 1.0, (4 * self._num_peers,), np.float32)
+        self.size = 4 * num_peers
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         for row, peer in zip(out.reshape(-1, 4), robot.peers, strict=True):
@@ -149,7 +140,7 @@ class Peers:
             row[2:] = math.cos(theta), math.sin(theta)
 
 
-class Tracks:
+class Tracks(BoxPart):
     """Observation of people tracked in scans, nearest first: `Box(-1, 1, (5 * num_people,), float32)`, zero-padded.
 
     Position forward and left / 8 m, ground velocity along these axes / (2.5 m/s), radius / 1 m.
@@ -158,10 +149,7 @@ class Tracks:
     def __init__(self, num_people: int = 8) -> None:
         if not (is_whole(num_people) and num_people > 0):
             raise ValueError(f"num_people of tracks must be whole and positive, got {num_people!r}")
-        self._num_people = num_people
-
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(-1.0, 1.0, (5 * self._num_people,), np.float32)
+        self._num_people, self.size = num_people, 5 * num_people
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         people = robot.belief.people

@@ -60,8 +60,7 @@ class Limits(RowPart):
     rad/s2) and footprint radius / 0.5 m, at most 1.
     """
 
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(0.0, 1.0, (5,), np.float32)
+    low, size = 0.0, 5
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
         params = batch.robots[0].params
@@ -76,8 +75,7 @@ class Motion(RowPart):
     since the reset / 600 s (at most 1).
     """
 
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(-1.0, 1.0, (6,), np.float32)
+    size = 6
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
         params = batch.robots[0].params

@@ -197,12 +197,8 @@ class Trajectories(RowPart):
         params, lidar, memory = robot.params, robot.params.lidar, robot._rows.remember
         sees_behind = bool(lidar.directions[0].min() < -math.cos(REAR_ANGLE))
         limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind
-        self._fixed = (
-            (lidar.mount.x, lidar.mount.y, lidar.directions),
-            limits,
-            tracker_numbers(lidar, SENSITIVE_TRACKER),
-            TWISTS,
-        )
+        frame = lidar.mount.x, lidar.mount.y, lidar.directions
+        self._fixed = frame, limits, tracker_numbers(lidar, SENSITIVE_TRACKER), TWISTS
         num_scans = num_kept_scans(SENSITIVE_TRACKER)
         self._memory = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
         sizes = STATE, MAX_TRACKS * TRACK_SIZE, num_scans * lidar.num_beams, num_scans * 4

@@ -34,10 +34,7 @@ class EpisodeRecorder:
         """Prepare to record an environment, beginning with its next `reset`.
 
         `explorer`: agent that chooses frontiers. Frontier candidates of its `navigator`, a `FrontierNavigator`, and
-        their `scores` are recorded, if any.
-
-        Raises:
-            TypeError: not an environment of this package.
+        their `scores` are recorded, if any. TypeError if `env` is not an environment of this package.
         """
         inner = lidar_env_of(env)
         self._env, self._explorer = inner, explorer

@@ -118,12 +118,7 @@ class Recording:
 
     @classmethod
     def load(cls, path: str | Path) -> "Recording":
-        """Read a recording from a file.
-
-        Raises:
-            ValueError: not a valid recording.
-            OSError: the file is not readable.
-        """
+        """Read a recording from a file; OSError if it is not readable, ValueError if it is no valid recording."""
         with open_archive(path, "recorded episode", "record one with `python evaluate.py ... --record`") as archive:
             if missing := sorted({"about", *_LAYOUT} - {"markers", *archive.files}):
                 raise ValueError(f"it lacks {', '.join(missing[:3])}{', ...' * (len(missing) > 3)}")

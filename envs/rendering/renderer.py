@@ -14,11 +14,7 @@ _INVISIBLE_DRIVERS = ("dummy", "offscreen")
 
 
 def open_window(title: str, size: tuple[int, int]) -> Any:
-    """Open a `pygame.Window` of `size` (width, height) [px].
-
-    Raises:
-        RuntimeError: no display, and `SDL_VIDEODRIVER` is not set.
-    """
+    """Open a `pygame.Window` of `size` (width, height) [px]; RuntimeError without display and `SDL_VIDEODRIVER`."""
     import pygame
 
     was_on = pygame.display.get_init()
@@ -40,11 +36,7 @@ class Renderer:
     """Renderer of episodes: `human` to a window at a fixed rate, `rgb_array` to arrays without display."""
 
     def __init__(self, mode: str, fps: float) -> None:
-        """Create a renderer for `human` or `rgb_array`; `fps`: maximum frame rate of the window [Hz].
-
-        Raises:
-            ValueError: invalid argument.
-        """
+        """Create a renderer; `fps`: maximum rate of the window [Hz]. ValueError for another mode, or `fps` below 0."""
         if mode not in MODES:
             raise ValueError(f"render mode must be one of {', '.join(MODES)}, got {mode!r}")
         if not fps > 0:
@@ -57,8 +49,7 @@ class Renderer:
     def draw(self, scene: Scene) -> np.ndarray | None:
         """Draw a scene (moment of an episode); return an image, shape (height, width, 3), uint8, or None for `human`.
 
-        Raises:
-            RuntimeError: `human` without display.
+        RuntimeError for `human` without display.
         """
         import pygame
 

@@ -2,7 +2,6 @@ import math
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numba import njit
 
 from lidarnaut.envs.arguments import check_positive
@@ -12,9 +11,9 @@ from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 from lidarnaut.envs.observations.plan import look_ahead
 from lidarnaut.envs.observations.positions import GOAL_MEMORY
 from lidarnaut.envs.robot import ONE_ACTIVE, GroundTruth, Robot
-from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.task import BoxPart
 
 from . import reach_kernels as own_at
 
@@ -81,27 +80,24 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
             out[k, 0], out[k, 1], out[k, 2] = math.cos(angle), math.sin(angle), min(owns[k, own_at.LEFT] / ahead, 1.0)
 
 
-class PlannedCarrot:
+class PlannedCarrot(BoxPart):
     """Observation of the direction to a lookahead point on the planned path.
 
     Values: cosine and sine of the direction, robot frame; remaining path length divided by lookahead distance, at most
     1. Before the first plan, the path is the straight line to the goal.
     """
 
+    size = 3
+
     def __init__(self, task: Any, ahead: float) -> None:
         check_positive(ahead=ahead)
         self._task, self._ahead = task, float(ahead)
-        self._reading: Reading | None = None
-        self._navigator: GoalNavigator
-
-    def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(-1.0, 1.0, (3,), np.float32)
 
     def reset(self, robot: Robot) -> None:
         self._navigator, self._path, self._index = GoalNavigator(CARROT_PARAMS), np.empty((0, 2)), 0
         # only reactive driving uses the generator
         self._navigator.reset(robot.params, robot.control_period, np.random.default_rng(0))
-        self._reading = None
+        self._reading: Reading | None = None
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         goal, navigator = self._task.tell_goal(robot.belief.pose)[:2], self._navigator

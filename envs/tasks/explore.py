@@ -170,9 +170,6 @@ class Explore(UnknownWorldTask):
             self.end_reason = "returned"
         self._quantities["returned"] = float(self.end_reason == "returned")
 
-    def quantities(self) -> dict[str, float]:
-        return self._quantities
-
     def metrics(self) -> dict[str, Any]:
         fraction = self.coverage.explored_fraction
         metrics = {"explored_fraction": fraction, "explored_area": self.coverage.explored_area}

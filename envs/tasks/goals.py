@@ -8,22 +8,17 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lidarnaut.envs.arguments import check_positive, is_pose
-from lidarnaut.envs.estimation import ORIGIN, Estimator
-from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
-from lidarnaut.envs.localization import Amcl, AmclParams, load_preset
 from lidarnaut.envs.measures import GOAL, Measure
 from lidarnaut.envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, TravelField, travel_field
 from lidarnaut.envs.robot import Robot
-from lidarnaut.envs.robots import LidarParams, RobotParams
+from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.worlds import ExplorableArea, World, load_map
 from lidarnaut.envs.worlds.world import kept_with_world
 
 from .starts import WorldTask
-
-LOCALIZERS = ("amcl", "odometry", "truth")
-"""Names of localizers. "odometry" and "truth" integrate measured or true motion from the true start."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -63,11 +58,7 @@ class GoalTask(WorldTask):
         return self.set_goal(goal)  # type: ignore[arg-type]
 
     def set_goal(self, goal: Sequence[float]) -> float:
-        """Set a goal, (x, y, theta) or (x, y), map frame, and return a time limit for it [s].
-
-        Raises:
-            ValueError: the goal is not finite or not reachable.
-        """
+        """Set a goal (x, y[, theta]), map frame; return a time limit [s]. ValueError if not finite or reachable."""
         if isinstance(goal, str):
             raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
         read: Any = self._read_goal(goal)
@@ -97,13 +88,6 @@ class GoalTask(WorldTask):
 
     def _usual_time(self, length: float) -> float:
         return 30.0 + 4.0 * length / self.robot.max_v
-
-
-def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:
-    """Create a localizer; ValueError for an unknown name or AMCL preset."""
-    if name not in LOCALIZERS:
-        raise ValueError(f"unknown localizer {name!r}; choose one of {', '.join(LOCALIZERS)}")
-    return Amcl(lidar, load_preset(preset)) if name == "amcl" else DeadReckoning()
 
 
 def given_map(map: Any) -> OccupancyGrid | None:

@@ -9,9 +9,10 @@ import numpy as np
 
 from lidarnaut.envs.arguments import is_pose
 from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
-from lidarnaut.envs.localization import Amcl, AmclParams
+from lidarnaut.envs.localization import Amcl, AmclParams, load_preset
 from lidarnaut.envs.observations import Goal, PoseUncertainty
 from lidarnaut.envs.robot import Prior, Robot
 from lidarnaut.envs.robots import RobotParams
@@ -19,9 +20,11 @@ from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.task import ObservationPart
 from lidarnaut.envs.worlds import World
 
-from .goals import GeodesicDistance, GoalTask, given_frame, given_map, known_map, make_localizer
+from .goals import GeodesicDistance, GoalTask, given_frame, given_map, known_map
 from .starts import WorldTask
 
+LOCALIZERS = ("amcl", "odometry", "truth")
+"""Names of localizers. "odometry" and "truth" integrate measured or true motion from the true start."""
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 """Standard deviations of the localizer's initial pose: position along an axis [m], heading [rad]."""
 
@@ -52,7 +55,9 @@ class KnownMapTask(WorldTask):
         return {"pose_uncertainty": PoseUncertainty}
 
     def make_estimator(self) -> Estimator:
-        return make_localizer(self.localizer, self.robot.lidar, self.amcl)
+        if self.localizer not in LOCALIZERS:
+            raise ValueError(f"unknown localizer {self.localizer!r}; choose one of {', '.join(LOCALIZERS)}")
+        return Amcl(self.robot.lidar, load_preset(self.amcl)) if self.localizer == "amcl" else DeadReckoning()
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
         self.map_pose = given_frame(self._frame, world)
@@ -189,9 +194,6 @@ class Navigate(KnownMapTask, GoalTask):
             "collision": period * robots[0].bumper,
             "reached": float(self.end_reason is not None),
         }
-
-    def quantities(self) -> dict[str, float]:
-        return self._quantities
 
     def metrics(self) -> dict[str, Any]:
         pose, goal = self._true_pose, self._true_goal

@@ -30,11 +30,7 @@ class Route:
 
     @classmethod
     def of(cls, corners: np.ndarray) -> "Route":
-        """Return the route along a polyline, shape (n, 2), n > 1 [m].
-
-        Raises:
-            ValueError: wrong shape, non-finite points or a length below `SPACING`.
-        """
+        """Return the route along a polyline, shape (n, 2), n > 1 [m]; ValueError if not finite or below `SPACING`."""
         corners = np.asarray(corners, dtype=np.float64)
         if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 2 or not np.isfinite(corners).all():
             raise ValueError(f"a path must be finite points of shape (n, 2), n > 1, got {corners.tolist()!r:.200}")

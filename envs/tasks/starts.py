@@ -12,7 +12,7 @@ from lidarnaut.envs.arguments import check_positive, is_pose
 from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
-from lidarnaut.envs.geometry.lines import cell_along
+from lidarnaut.envs.navigation.frontiers import is_visible
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.slam import DEFAULT_SLAM, base_name, make_slam
 from lidarnaut.envs.task import Task
@@ -55,6 +55,7 @@ class WorldTask(Task):
         check_positive(map_resolution=self.map_resolution)
         self._start = read_start(self.start, self.num_robots)
         self._sample = self._sampler(self.world)
+        self._quantities: dict[str, float] = {}  # set by `update`
 
     def _sampler(self, world: Any) -> WorldSampler:
         settings: dict[str, Any] = {"split": self.split, "size": self.world_size, "radius": self.robot.radius}
@@ -83,10 +84,9 @@ class WorldTask(Task):
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return start poses, world frame. Robots without a given pose start near the first robot.
+        """Return start poses, world frame; ValueError for a given pose that is not collision-free.
 
-        Raises:
-            ValueError: a given pose is not collision-free.
+        Robots without a given pose start near the first robot.
         """
         self._world, self.area = world, explorable_area(world, self.robot, self.map_resolution)
         robot, area = self.robot, self.area
@@ -106,6 +106,9 @@ class WorldTask(Task):
             chosen = draw_starts(area, world, robot, chosen[0], self.num_robots, rng)
         self.starts = chosen
         return chosen
+
+    def quantities(self) -> dict[str, float]:
+        return self._quantities
 
 
 @dataclass(kw_only=True, eq=False)
@@ -173,9 +176,9 @@ def draw_starts(
             if len(starts) == num_robots:
                 break
             is_apart = all(math.hypot(x - pose.x, y - pose.y) >= 2.0 * robot.radius + gap for pose in starts)
-            if not is_apart or clearance(x, y, world.segments, circles) <= robot.radius:
-                continue
-            if not must_see or _in_sight(area, first, x, y):
+            has_room = is_apart and clearance(x, y, world.segments, circles) > robot.radius
+            ends = np.array([first[:2], (x, y)])
+            if has_room and (not must_see or is_visible(area.walls.data, *area.walls.cells(ends).ravel())):
                 starts.append(Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi))))
     if len(starts) < num_robots:
         raise ValueError(
@@ -183,11 +186,3 @@ def draw_starts(
             f"{world.name!r}, not for num_robots = {num_robots}"
         )
     return starts
-
-
-def _in_sight(area: ExplorableArea, pose: Pose2D, x: float, y: float) -> bool:
-    walls = area.walls
-    (row, col), (goal_row, goal_col) = walls.cells(np.array([pose[:2], (x, y)])).tolist()
-    num_steps = max(abs(goal_row - row), abs(goal_col - col), 1)
-    step = (goal_row - row) / num_steps, (goal_col - col) / num_steps
-    return all(walls.data[cell_along(row, col, *step, k)] == 0 for k in range(num_steps + 1))

@@ -133,9 +133,6 @@ class Sweep(KnownMapTask):
         done, contact = float(self.end_reason is not None), period * robots[0].bumper
         self._quantities = {"swept": swept, "time": period, "collision": contact, "completed": done}
 
-    def quantities(self) -> dict[str, float]:
-        return self._quantities
-
     def metrics(self) -> dict[str, Any]:
         swept = {"swept_fraction": self.swept_fraction, "swept_area": self.swept_area}
         return {**swept, "is_lost": self._one.belief.is_lost, "is_success": self.end_reason is not None}

@@ -352,4 +352,10 @@ def test_parameters_of_dwb_are_those_of_dwb_only():
     navigator.reset(BURGER, 0.1, np.random.default_rng(0))
     navigator.set_goal((2.0, 0.0))
     assert 0.05 < navigator.act(reading_of(), Belief(HERE, hall())).v <= 0.1
-    assert GoalNavigator(GoalParams(local_planner="mppi")).dwb is None
+    commands = []
+    for max_vel_x in (0.1, math.inf):
+        navigator = GoalNavigator(GoalParams(local_planner="mppi"), dwb=DwbParams(max_vel_x=max_vel_x))
+        navigator.reset(BURGER, 0.1, np.random.default_rng(0))
+        navigator.set_goal((2.0, 0.0))
+        commands.append(navigator.act(reading_of(), Belief(HERE, hall())))
+    assert commands[0] == commands[1] != (0.0, 0.0)

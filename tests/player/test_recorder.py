@@ -112,7 +112,7 @@ def test_trees_and_points_are_recorded_once_with_the_samples_that_show_them():
     # The global tree only grows; local trees begin anew.
     assert counts[global_tree] == (shown[-1][:, 0] == global_tree).sum() > 50
     assert counts[local_tree] > (shown[-1][:, 0] == local_tree).sum()
-    np.testing.assert_allclose(shown[-1][shown[-1][:, 0] == cluster, 1:3], explorer.points, atol=6e-4)
+    np.testing.assert_allclose(shown[-1][shown[-1][:, 0] == cluster, 1:3], explorer.markers.clusters, atol=6e-4)
     np.testing.assert_allclose(shown[-1][shown[-1][:, 0] == chosen, 1:3], explorer.markers.chosen, atol=6e-4)
     assert len(recording.decision_times) == 0
     assert "<title>" in build_page([recording])

@@ -12,10 +12,9 @@ from pydantic.dataclasses import dataclass
 from lidarnaut.envs.files import parse_record, resolve
 
 from .orca import Orca
-from .social_force import SocialForce
+from .social_force import Share, SocialForce
 
 Number = Annotated[int, Field(ge=0, le=1000)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Radius = Annotated[float, Field(ge=0.1, le=1.0)]
 Speed = Annotated[float, Field(ge=0.05, le=5.0)]
 
@@ -69,11 +68,7 @@ A mapping changes parameters of the crowd under its key `crowd`, or of the defau
 
 
 def crowd_of(people: PeopleLike) -> Crowd | None:
-    """Convert the argument `people` to crowd parameters; None stands for no people.
-
-    Raises:
-        ValueError: the crowd or a parameter is unknown, or a value is invalid.
-    """
+    """Convert the argument `people` to crowd parameters; None for no people. ValueError for invalid arguments."""
     changes: dict[str, Any] = {}
     if isinstance(people, str):
         people, _, text = people.partition("?")

@@ -32,26 +32,18 @@ class People:
         """Place people at the start of an episode.
 
         `poses`: start poses of the robots, world frame. `radius`: footprint radius of a robot [m]. `rng`: random
-        generator of the crowd.
-
-        Raises:
-            ValueError: not all people fit into the world.
+        generator of the crowd. ValueError if not all people fit into the world.
         """
-        routes = world.people
-        self.rows = np.zeros((len(routes), at.PERSON_SIZE))
+        self.rows = np.zeros((len(world.people), at.PERSON_SIZE))
         self.points = np.empty((0, 3))
-        for row, route in zip(self.rows, routes, strict=True):
+        for row, route in zip(self.rows, world.people, strict=True):
             first = len(self.points)
             row[[at.X, at.Y]] = route.waypoints[0]
             row[[at.RADIUS, at.SPEED, at.KIND, at.GOAL]] = route.radius, route.speed, at.FIXED_ROUTE, first + 1
             following = first + np.roll(np.arange(len(route.waypoints)), -1)
             self.points = np.vstack([self.points, np.column_stack([route.waypoints, following])])
-        if self.crowd is not None and rng is not None:
-            self._draw(self.crowd, world, poses, radius, rng)
-
-    def _draw(
-        self, crowd: Crowd, world: World, poses: Sequence[Pose2D], radius: float, rng: np.random.Generator
-    ) -> None:
+        if (crowd := self.crowd) is None or rng is None:
+            return
         routes, first = plan_routes(world, crowd.radius[1], crowd.flow), len(self.points)
         people = draw_people(crowd, routes, poses, radius, self.rows, rng, world)
         people[:, at.GOAL] += first

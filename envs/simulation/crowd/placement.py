@@ -32,10 +32,7 @@ def draw_people(
     """Sample people at rest in free space, and return their state vectors, shape (n, PERSON_SIZE).
 
     `robots`: start poses, world frame. `robot_radius`: footprint radius [m]. `others`: state vectors of people on fixed
-    routes.
-
-    Raises:
-        ValueError: not all people fit into the world.
+    routes. ValueError if not all people fit into the world.
     """
     low, high = crowd.number if isinstance(crowd.number, tuple) else (crowd.number, crowd.number)
     count = int(rng.integers(low, high, endpoint=True))

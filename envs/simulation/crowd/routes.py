@@ -57,10 +57,8 @@ class Routes(NamedTuple):
 def plan_routes(world: World, radius: float, flow: str) -> Routes:
     """Compute destinations and cost-to-go fields of a crowd in a world.
 
-    `radius`: radius of the largest person [m]. `flow`: walking directions, see `Crowd`.
-
-    Raises:
-        ValueError: people of this radius do not fit into the world.
+    `radius`: radius of the largest person [m]. `flow`: walking directions, see `Crowd`. ValueError if people of this
+    radius do not fit into the world.
     """
     grid = rasterize(world, RESOLUTION)
     walls = list_walls(world.segments, world.circles, grid.bounds, radius)

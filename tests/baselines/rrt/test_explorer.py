@@ -264,5 +264,5 @@ def test_an_episode_ends_after_patience_without_frontiers_that_can_be_reached(do
         steps += 1
     assert 250 - 20 * door_closes <= steps < 500
     assert explorer.end_reason == "no_reachable_frontier"
-    assert (len(explorer.points) > 0) == door_closes
+    assert (len(explorer.markers.clusters) > 0) == door_closes
     assert explorer.act(reading_of(), belief) == (0.0, 0.0)

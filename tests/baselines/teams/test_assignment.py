@@ -4,7 +4,8 @@ import pytest
 from lidarnaut.baselines import TEAMS, Auction, MinMaxTours, TeamExplorer
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.frontier.rules import nearest
-from lidarnaut.baselines.teams.assignment import cover
+from lidarnaut.baselines.frontier.tour import cover
+from lidarnaut.baselines.teams.assignment import COVER_RADIUS, MAX_STOPS
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.navigation.team_navigator import UNASSIGNED, discount
@@ -79,13 +80,13 @@ def test_tours_share_out_pockets_so_that_neither_robot_drives_to_and_fro():
 def test_stops_cover_all_frontiers_and_what_failed_waits():
     candidates = candidates_from(10.0, 0.0, corridor((30, 40), (60, 70), (340, 360)))
     table = candidates.table.copy()
-    stops, stop_of = cover(table)
+    stops, stop_of = cover(table, COVER_RADIUS, MAX_STOPS)
     assert len(stops) == 2 or len(stops) == 3
     gaps = np.hypot(*(table["frontier"] - table["frontier"][stops][stop_of]).T)
     assert (stop_of >= 0).all()
     assert gaps.max() <= 2.0
     table["failures"][stops[0]] = 1
-    others, left = cover(table)
+    others, left = cover(table, COVER_RADIUS, MAX_STOPS)
     assert stops[0] not in others
     assert left[stops[0]] == -1
 
