@@ -223,14 +223,6 @@ def optimise_step(graph: Graph, phi: float) -> float:
     return largest
 
 
-def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) -> int:
-    """Optimise a pose graph until pose changes are below `tolerance` [m or rad]; return the number of iterations."""
-    for k in range(max_iterations):
-        if optimise_step(graph, phi) < tolerance:
-            return k + 1
-    return max_iterations
-
-
 @njit(cache=True, error_model="numpy")
 def chi_squares(graph):
     """Return the chi-square of all constraints, including excluded outliers, shape (n,), float64."""

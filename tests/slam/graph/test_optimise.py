@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers, optimise
+from lidarnaut.envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers, optimise_step
 
 PHI = 9.0
 SPACING, TURN = 20, 40
@@ -45,6 +45,11 @@ def make_graph(num_nodes, num_loops, num_outliers, rng):
         wrong = rng.uniform([-4.0, -4.0, -0.5], [4.0, 4.0, 0.5])
         graph.add_constraint(k, submap, wrong, covariance, is_loop=True)
     return graph, np.array(truth)
+
+
+def optimise(graph, phi, max_iterations, tolerance):
+    """Optimise a pose graph until pose changes are below `tolerance`; return the number of iterations."""
+    return next((k + 1 for k in range(max_iterations) if optimise_step(graph, phi) < tolerance), max_iterations)
 
 
 def random_graph(seed, num_outliers=0):
