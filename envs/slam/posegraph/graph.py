@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike
+
+from lidarnaut.envs.geometry.rows import GrowingArray
 
 
 class Constraints(NamedTuple):
@@ -33,28 +35,6 @@ class Graph(NamedTuple):
     nodes: np.ndarray
     """Node poses, shape (num_nodes, 3), float64, map frame."""
     constraints: Constraints
-
-
-class GrowingArray:
-    """Array with appendable rows, whose capacity doubles when full."""
-
-    def __init__(self, row_shape: tuple[int, ...], dtype: DTypeLike, capacity: int) -> None:
-        self._rows = np.zeros((capacity, *row_shape), dtype=dtype)
-        self._count = 0
-
-    def __len__(self) -> int:
-        return self._count
-
-    def append(self, row: ArrayLike) -> int:
-        if self._count == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
-        self._rows[self._count] = row
-        self._count += 1
-        return self._count - 1
-
-    @property
-    def rows(self) -> np.ndarray:
-        return self._rows[: self._count]
 
 
 class PoseGraph:
