@@ -6,18 +6,19 @@ import numpy as np
 from lidarnaut.envs.estimation import ORIGIN, Belief, Correction, MapUpdate
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam.hector import Hector
 from lidarnaut.envs.slam.key_scans import Anchor
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.fields import LEAST_MAP_SHARE, fits_map
-from lidarnaut.envs.slam.posegraph import GrowingArray, PoseGraph, PoseGraphView, drop_outliers, optimise_step
+from lidarnaut.envs.slam.posegraph import PoseGraph, PoseGraphView, drop_outliers, optimise_step
 from lidarnaut.envs.slam.relocalization import FOUND_STD
 from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 from .local_slam import LocalSlam
 from .loop_search import NUM_SKIPPED_SUBMAPS, Confirmation, LoopSearch
-from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses, replace_cells
+from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses
 
 FINAL_ITERATIONS = 10
 
@@ -198,8 +199,8 @@ class GraphSlam(Hector):
 
     def _replace_map(self, map: LogOddsMap) -> None:
         after = self.graph.arrays.nodes.copy()
-        correction = Correction(self._mapped.rows.copy(), after)
-        self.belief.update = replace_cells(self.map, map, correction)
+        self.map.take_cells(map)
+        self.belief.update = self.map.redrawn(Correction(self._mapped.rows.copy(), after))
         self.belief.path = after
         self._mapped.rows[:] = after
         self._rendering = None

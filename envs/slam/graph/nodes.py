@@ -1,14 +1,12 @@
 import numpy as np
 
-from lidarnaut.envs.estimation import Correction, MapUpdate
-from lidarnaut.envs.geometry import Pose2D, Window
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
-from lidarnaut.envs.slam.growing_map import known_cells
 from lidarnaut.envs.slam.key_scans import KeyScans
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.gauss_newton import refine
 from lidarnaut.envs.slam.matching.scan_matcher import make_prior
-from lidarnaut.envs.slam.posegraph import GrowingArray
 from lidarnaut.envs.slam.scans import project_hits
 from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
@@ -112,13 +110,6 @@ class MapRendering:
         while not self.add(nodes, poses, np.inf):
             pass
         return self.map
-
-
-def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
-    """Replace the content of the current map `live` by a rebuilt map; return a map update with all known cells."""
-    live.take_cells(other)
-    window = Window(0, 0, *live.grid.data.shape)
-    return MapUpdate(known_cells(live.grid.data), window, redrawn=True, origin=live.grid.origin, correction=correction)
 
 
 def any_pose_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:
