@@ -112,9 +112,6 @@ class GraphSlam(Hector):
             self._graph_correction = Pose2D(*poses[-1].tolist()).compose(local.inverse())
         self._replace_map(MapRendering(self.params, self._lidar).add_all(self.nodes, poses))
 
-    def _make_map(self) -> LogOddsMap:
-        return MapRendering(self.params, self._lidar).map
-
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         before = self._last_matched_pose() or self._correction
         fits = self.local.match(ranges, before.between(predicted), self.slip)
@@ -146,7 +143,7 @@ class GraphSlam(Hector):
             self._relate(node, pose)
         self._mapped.append(pose)
         if node % self.params.loop_every == 0:
-            self.search.add_candidates(node, self.nodes.num_submaps - len(self.local.active))
+            self.search.add_candidates(node, len(self.nodes.spans) - len(self.local.active))
         return self.map.integrate(ranges, pose)
 
     def _add_to_graph(self, node: int) -> None:
@@ -162,7 +159,7 @@ class GraphSlam(Hector):
     def _relate(self, node: int, pose: Pose2D) -> None:
         mapped, arrays = self._mapped.rows, self.graph.arrays
         near = int(np.argmin(np.hypot(*(mapped[:, :2] - pose[:2]).T)))
-        submap = int(self.nodes.home[near])
+        submap = int(self.nodes.home.rows[near])
         frame, there = Pose2D(*arrays.submaps[submap].tolist()), Pose2D(*arrays.nodes[near].tolist())
         by_graph = there.compose(Pose2D(*mapped[near].tolist()).between(pose))
         self.graph.add_constraint(node, submap, frame.between(by_graph), np.diag(FOUND_STD) ** 2, is_loop=True)

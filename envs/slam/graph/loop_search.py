@@ -130,9 +130,10 @@ class LoopSearch:
         if count <= 0:
             return []
         arrays = self._graph.arrays
-        lengths = path_lengths(arrays.constraints, nodes.home, nodes.travelled, nodes.home[node])
+        home = nodes.home.rows
+        lengths = path_lengths(arrays.constraints, home, nodes.travelled.rows, home[node])
         near = []
-        distances = least_distances(arrays.nodes, nodes.spans[:count], node)
+        distances = least_distances(arrays.nodes, nodes.spans.rows[:count], node)
         farthest = MAX_DISTANCE + 0.5 * params.linear_search_window
         for submap in np.flatnonzero(distances <= farthest).tolist():
             if node - self._searched.get(submap, -params.submap_every) < params.submap_every:

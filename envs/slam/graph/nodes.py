@@ -24,37 +24,21 @@ class NodeStore(KeyScans):
 
     def __init__(self, lidar: LidarParams) -> None:
         super().__init__(lidar)
-        self._submaps = GrowingArray((2,), np.int64, 32)
-        self._home = GrowingArray((), np.int32, 256)
-        self._travelled = GrowingArray((), np.float64, 32)
+        self.spans = GrowingArray((2,), np.int64, 32)
+        """Index of the first node of each submap, and index after the last."""
+        self.home = GrowingArray((), np.int32, 256)
+        """Index of the newest submap that contains each node."""
+        self.travelled = GrowingArray((), np.float64, 32)
+        """Distance travelled until the start of each submap [m]."""
         self._first_joined = 0
-
-    @property
-    def num_submaps(self) -> int:
-        return len(self._submaps)
-
-    @property
-    def home(self) -> np.ndarray:
-        """Index of the newest submap that contains each node, shape (num_nodes,), int32."""
-        return self._home.rows
-
-    @property
-    def spans(self) -> np.ndarray:
-        """Index of the first node of each submap, and index after the last, shape (num_submaps, 2), int64."""
-        return self._submaps.rows
-
-    @property
-    def travelled(self) -> np.ndarray:
-        """Distance travelled until the start of each submap, shape (num_submaps,), float64 [m]."""
-        return self._travelled.rows
 
     def break_off(self) -> None:
         self._first_joined = len(self)
 
     def add_submap(self, travelled: float) -> int:
         """Start a submap at the next node; return the submap index. `travelled`: distance travelled so far [m]."""
-        self._travelled.append(travelled)
-        return self._submaps.append((len(self), len(self)))
+        self.travelled.append(travelled)
+        return self.spans.append((len(self), len(self)))
 
     def add_node(self, ranges: np.ndarray, pose: Pose2D, submaps: list[int]) -> int:
         """Store a scan and its base pose, local frame, as a graph node; return the node index.
@@ -62,18 +46,18 @@ class NodeStore(KeyScans):
         `submaps`: indices of the submaps that contain it, newest last.
         """
         node = self.add(ranges, pose)
-        self._home.append(submaps[-1])
-        self.spans[submaps, 1] = node + 1
+        self.home.append(submaps[-1])
+        self.spans.rows[submaps, 1] = node + 1
         return node
 
     def submap_pose(self, submap: int) -> Pose2D:
         """Return the pose of a submap without loop-closure corrections: position of its first node, heading 0."""
-        x, y, _ = self.poses[self.spans[submap, 0]].tolist()
+        x, y, _ = self.poses[self.spans.rows[submap, 0]].tolist()
         return Pose2D(x, y, 0.0)
 
     def submap_scans(self, submap: int) -> tuple[np.ndarray, np.ndarray]:
         """Return scans of a submap, shape (n, num_beams), float32 [m], and base poses, shape (n, 3), submap frame."""
-        first, last = self.spans[submap].tolist()
+        first, last = self.spans.rows[submap].tolist()
         return self.ranges[first:last], self.poses[first:last] - np.array(self.submap_pose(submap))
 
     def recent_points(self, node: int, count: int, max_range: float, max_points: int) -> np.ndarray:

@@ -53,10 +53,6 @@ class PoseGraph:
         return Graph(self._submaps.rows, self._nodes.rows, Constraints(*(each.rows for each in self._constraints)))
 
     @property
-    def num_nodes(self) -> int:
-        return len(self._nodes)
-
-    @property
     def num_submaps(self) -> int:
         return len(self._submaps)
 
@@ -74,9 +70,9 @@ class PoseGraph:
         Raises:
             ValueError: if the node or submap does not exist, or the covariance is not positive definite.
         """
-        if not (0 <= node < self.num_nodes and 0 <= submap < self.num_submaps):
+        if not (0 <= node < len(self._nodes) and 0 <= submap < self.num_submaps):
             raise ValueError(
-                f"node {node} or submap {submap} does not exist; there are {self.num_nodes} nodes and "
+                f"node {node} or submap {submap} does not exist; there are {len(self._nodes)} nodes and "
                 f"{self.num_submaps} submaps"
             )
         covariance = np.asarray(covariance, dtype=np.float64)
