@@ -99,7 +99,7 @@ class GraphSlam(Hector):
 
     def finish(self) -> None:
         """Complete loop-closure searches, optimisation and corrected map; write node poses to `belief.path`."""
-        while self.search.num_waiting:
+        while self.search.queue:
             self._close_loop()
         self._iterations = FINAL_ITERATIONS
         while self._iterations:
