@@ -13,6 +13,7 @@ from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.estimation.belief import check_belief
 from lidarnaut.envs.files import write_file
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.occupancy_grid import crop_to_known
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.worlds import save_map
@@ -160,18 +161,13 @@ def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: in
 
     `positions`: path in blue, shape (n, 2), map frame [m].
     """
-    known = grid.data != UNKNOWN
-    rows, cols = np.nonzero(known if known.any() else ~known)
-    height, width = grid.data.shape
-    top, bottom = max(rows.min() - margin, 0), min(rows.max() + margin + 1, height)
-    left, right = max(cols.min() - margin, 0), min(cols.max() + margin + 1, width)
-    cells = grid.data[top:bottom, left:right].astype(float)
+    known = crop_to_known(grid, margin)
+    cells = known.data.astype(float)
     grey = np.where(cells == UNKNOWN, 190.0, 255.0 - 2.55 * cells).round().astype(np.uint8)
     image = Image.fromarray(np.ascontiguousarray(grey[::-1])).convert("RGB")
     if positions is not None:
-        corner = np.array(grid.origin) + np.array([left, top]) * grid.resolution
-        points = (positions - corner) / grid.resolution
-        points[:, 1] = bottom - top - points[:, 1]
+        points = (positions - known.origin) / grid.resolution
+        points[:, 1] = len(cells) - points[:, 1]
         ImageDraw.Draw(image).line([tuple(point) for point in points.tolist()], fill=(40, 90, 220))
     return image
 
