@@ -93,13 +93,12 @@ def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[li
         limits = float(message.range_min), float(message.range_max)
         scan = Scan(ranges, *beams, *limits, time=seconds(message.header.stamp))
         scans.setdefault(frame_name(message.header.frame_id), []).append(scan)
-    frame = next(iter(scans)) if laser_frame is None else frame_name(laser_frame)
-    if len(scans) > 1 and (laser_frame is None or frame not in scans):
+    frame = laser_frame if laser_frame in scans else next(iter(scans))
+    if len(scans) > 1 and frame != laser_frame:
         names = ", ".join(sorted(scans))
         raise bag.error(f"{topic} holds scans of several frames: {names}; choose one by laser_frame (--laser-frame)")
-    (frame, found), *_ = [(name, each) for name, each in scans.items() if len(scans) == 1 or name == frame]
-    order = _time_order(bag, topic, [scan.time for scan in found])
-    return [found[k] for k in order], frame
+    order = _time_order(bag, topic, [scan.time for scan in scans[frame]])
+    return [scans[frame][k] for k in order], frame
 
 
 def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:
