@@ -64,8 +64,8 @@ class PoseGraph:
 
     def add_constraint(
         self, node: int, submap: int, relative: ArrayLike, covariance: ArrayLike, is_loop: bool = False
-    ) -> int:
-        """Add a measured node pose `relative`, submap frame [m, m, rad], as a constraint; return its index.
+    ) -> None:
+        """Add a measured node pose `relative`, submap frame [m, m, rad], as a constraint.
 
         Raises:
             ValueError: if the node or submap does not exist, or the covariance is not positive definite.
@@ -83,8 +83,7 @@ class PoseGraph:
             raise ValueError(f"covariance must be positive definite, got {covariance.tolist()}") from error
         row = (node, submap, relative, 0.5 * (information + information.T), is_loop, True)
         for each, value in zip(self._constraints, row):
-            index = each.append(value)
-        return index
+            each.append(value)
 
 
 @dataclass(frozen=True, slots=True)

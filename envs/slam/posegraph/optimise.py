@@ -235,9 +235,6 @@ def chi_squares(graph):
     return values
 
 
-def drop_outliers(graph: Graph, max_chi2: float) -> int:
-    """Exclude loop closures with a chi-square above `max_chi2`; return the number excluded."""
-    constraints = graph.constraints
-    is_wrong = constraints.is_loop & constraints.is_active & (chi_squares(graph) > max_chi2)
-    constraints.is_active[is_wrong] = False
-    return int(is_wrong.sum())
+def drop_outliers(graph: Graph, max_chi2: float) -> None:
+    """Exclude loop closures with a chi-square above `max_chi2`."""
+    graph.constraints.is_active[graph.constraints.is_loop & (chi_squares(graph) > max_chi2)] = False
