@@ -111,7 +111,7 @@ def _is_alive(pid: int, path: Path) -> bool:
         return False
     try:
         os.kill(pid, 0)
-    except (OSError, OverflowError) as error:  # other errors than this one: process of another user
+    except (OSError, OverflowError) as error:  # not permitted: process of another user
         return not isinstance(error, ProcessLookupError)
     return True
 
