@@ -47,3 +47,10 @@ def begin(physics, robot, world, *poses, period=0.1, seed=0):
     simulator = make_simulator(physics, robot, period, len(poses))
     simulator.reset(world, poses, np.random.default_rng(seed).spawn(len(poses)))
     return simulator
+
+
+def tilt_of(simulator):
+    """Return the larger of absolute roll and pitch of the first robot in PyBullet [rad]."""
+    bullet, body = simulator.robots[0]._bullet, simulator.robots[0]._body
+    roll, pitch, _ = bullet.getEulerFromQuaternion(bullet.getBasePositionAndOrientation(body)[1])
+    return max(abs(roll), abs(pitch))

@@ -14,8 +14,7 @@ from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.files import open_archive
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
-from lidarnaut.envs.navigation import crop_to_known
-from lidarnaut.envs.navigation.costmap import known_window
+from lidarnaut.envs.geometry.occupancy_grid import crop_to_known, known_window
 
 WHAT, HINT = "trace of an episode", "choose another --out, or remove the folder"
 

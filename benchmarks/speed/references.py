@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from lidarnaut.envs.estimation.map_pyramid import OCCUPIED_FROM
-from lidarnaut.envs.geometry import wrap_angle
+from lidarnaut.envs.geometry import OCCUPIED_FROM, wrap_angle
 from lidarnaut.envs.robots import RobotParams
 
 

@@ -7,11 +7,9 @@ from numba import njit
 
 from lidarnaut.envs.estimation.belief import MapUpdate
 from lidarnaut.envs.estimation.trail import Trail
-from lidarnaut.envs.geometry import NO_WINDOW, OccupancyGrid, Window
+from lidarnaut.envs.geometry import NO_WINDOW, OCCUPIED_FROM, OccupancyGrid, Window
 from lidarnaut.envs.geometry.lookup import load
 
-OCCUPIED_FROM = 50
-"""Minimum occupancy of an occupied cell [percent]."""
 LARGEST_POOLED = 8
 """Pyramid blocks up to this side are computed from map cells, larger blocks from smaller blocks [cells]."""
 
@@ -137,7 +135,6 @@ class MapPyramid:
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
         self.grid, self._data, self._trails = grid, grid.data, trails
         self._levels: dict[int, Level] = {}
-        self._level_of_pixel: dict[float, Level] = {}
 
     def update(self, update: MapUpdate) -> None:
         data = self.grid.data
@@ -168,10 +165,7 @@ class MapPyramid:
 
     def level(self, pixel: float) -> Level:
         """Return the up-to-date pyramid level whose block side is nearest to `pixel` [m]."""
-        level = self._level_of_pixel.get(pixel)
-        if level is None:
-            block = 2 ** max(round(math.log2(pixel / self.grid.resolution)), 0)
-            level = self._level_of_pixel[pixel] = self._level(block)
+        level = self._level(2 ** max(round(math.log2(pixel / self.grid.resolution)), 0))
         self._refresh(level)
         return level
 

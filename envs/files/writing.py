@@ -6,6 +6,7 @@ import shutil
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Literal
 
 _STARTED = time.time()
 _swept: set[Path] = set()
@@ -43,10 +44,8 @@ def _in_place_of(path: Path) -> Iterator[Path]:
 
 def append_file(path: Path, text: str) -> None:
     """Append text to a file and sync the file to disk; OSError for a symbolic link."""
-    with naming(path), open(path, "a", newline="", encoding="utf-8", opener=_open_itself) as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
+    with naming(path):
+        _write_through(path, text, "ab")
 
 
 def own_folder(path: Path, name: str = "") -> Path:
@@ -112,15 +111,13 @@ def _is_alive(pid: int, path: Path) -> bool:
         return False
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):  # process of another user
-        return True
+    except (OSError, OverflowError) as error:  # not permitted: process of another user
+        return not isinstance(error, ProcessLookupError)
     return True
 
 
-def _write_through(path: Path, content: bytes | str) -> None:
-    with open(path, "xb", opener=_open_itself) as file:
+def _write_through(path: Path, content: bytes | str, mode: Literal["xb", "ab"] = "xb") -> None:
+    with open(path, mode, opener=_open_itself) as file:
         file.write(content.encode() if isinstance(content, str) else content)
         file.flush()
         os.fsync(file.fileno())

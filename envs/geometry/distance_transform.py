@@ -71,25 +71,18 @@ def deepest_cell(area):
     lowest, begins = np.empty(width, dtype=np.int64), np.empty(width, dtype=np.int64)
     greatest, at_row, at_col = -1, 0, 0
     for row in range(height):
-        depths, last = down[row], 0
-        lowest[0] = begins[0] = 0
-        for col in range(1, width):
-            depth = depths[col]
+        depths, last = down[row], -1
+        for col in range(width):
+            depth, begin = depths[col], 0
             while last >= 0:
-                other, begin = lowest[last], begins[last]
-                if (begin - other) ** 2 + depths[other] ** 2 <= (begin - col) ** 2 + depth**2:
+                other, first = lowest[last], begins[last]
+                if (first - other) ** 2 + depths[other] ** 2 <= (first - col) ** 2 + depth**2:
+                    begin = (col**2 - other**2 + depth**2 - depths[other] ** 2) // (2 * (col - other)) + 1
                     break
                 last -= 1
-            if last < 0:
-                last = 0
-                lowest[0] = col
-                begins[0] = 0
-            else:
-                other = lowest[last]
-                begin = (col**2 - other**2 + depth**2 - depths[other] ** 2) // (2 * (col - other)) + 1
-                if begin < width:
-                    last += 1
-                    lowest[last], begins[last] = col, begin
+            if begin < width:
+                last += 1
+                lowest[last], begins[last] = col, begin
         for col in range(width - 1, -1, -1):
             squared = (col - lowest[last]) ** 2 + depths[lowest[last]] ** 2
             if squared > greatest or (squared == greatest and row == at_row):

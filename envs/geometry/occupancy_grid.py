@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
+
+from .window import Window
 
 UNKNOWN = -1
 FREE = 0
@@ -50,3 +53,36 @@ class OccupancyGrid:
         """Return whether cells (row, column), shape (..., 2), lie inside the grid: shape (...), bool."""
         cells = np.asarray(cells)
         return np.all((cells >= 0) & (cells < self.data.shape), axis=-1)
+
+
+@njit(cache=True, error_model="numpy")
+def known_window(data):
+    """Return the bounding rectangle of the observed cells of an occupancy grid, shape (height, width), int8.
+
+    Without any observed cell, the rectangle is the whole grid.
+    """
+    height, width = data.shape
+    highest_in_row = np.full(height, -1, dtype=np.int8)
+    highest_in_col = np.full(width, -1, dtype=np.int8)
+    for row in range(height):
+        line = data[row]
+        highest = np.int8(-1)
+        for col in range(width):
+            highest = max(highest, line[col])
+            highest_in_col[col] = max(highest_in_col[col], line[col])
+        highest_in_row[row] = highest
+    rows, cols = np.flatnonzero(highest_in_row >= 0), np.flatnonzero(highest_in_col >= 0)
+    if len(rows) == 0:
+        return Window(0, 0, height, width)
+    return Window(rows[0], cols[0], rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
+
+
+def crop_to_known(grid: OccupancyGrid, margin: int = 1) -> OccupancyGrid:
+    """Crop a map to its observed part and a border of `margin` cells, without a copy.
+
+    An unobserved map is returned whole.
+    """
+    window = known_window(grid.data).dilated(margin, grid.data.shape)
+    x, y = grid.origin
+    origin = x + window.col * grid.resolution, y + window.row * grid.resolution
+    return OccupancyGrid(grid.data[window.slices], grid.resolution, origin)

@@ -20,10 +20,9 @@ from lidarnaut.envs.worlds.map_files import FREE_THRESH
 
 from .amcl_params import AmclParams
 from .beam_model import BeamModel
-from .clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance
+from .clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance, resample
 from .likelihood_field import LikelihoodField
 from .motion_model import move_particles
-from .resampling import resample
 from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 
 _MIN_HITS = 5

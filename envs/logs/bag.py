@@ -8,7 +8,7 @@ from lidarnaut.envs.files import MAX_BYTES
 
 from .bag_reader import BagReader, open_bag
 from .scans import LogContent, Scan
-from .trajectory import compose_poses, find_jump_back
+from .trajectory import compose_poses, describe_jump_back
 from .transforms import MIN_LEVEL, MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
 
 SCAN = "sensor_msgs/msg/LaserScan"
@@ -93,13 +93,12 @@ def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[li
         limits = float(message.range_min), float(message.range_max)
         scan = Scan(ranges, *beams, *limits, time=seconds(message.header.stamp))
         scans.setdefault(frame_name(message.header.frame_id), []).append(scan)
-    frame = next(iter(scans)) if laser_frame is None else frame_name(laser_frame)
-    if len(scans) > 1 and (laser_frame is None or frame not in scans):
+    frame = laser_frame if laser_frame in scans else next(iter(scans))
+    if len(scans) > 1 and frame != laser_frame:
         names = ", ".join(sorted(scans))
         raise bag.error(f"{topic} holds scans of several frames: {names}; choose one by laser_frame (--laser-frame)")
-    (frame, found), *_ = [(name, each) for name, each in scans.items() if len(scans) == 1 or name == frame]
-    order = _time_order(bag, topic, [scan.time for scan in found])
-    return [found[k] for k in order], frame
+    order = _time_order(bag, topic, [scan.time for scan in scans[frame]])
+    return [scans[frame][k] for k in order], frame
 
 
 def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:
@@ -132,9 +131,8 @@ def _read_odometry(
     if not edges:
         advice = "set odom_frame (--odom-frame)"
         raise bag.error(f"no odometry from {odom_frame or ODOM_FRAME}; frames are {', '.join(tree.frames)}; {advice}")
-    if (jump := find_jump_back(stamps := tree.stamps(*edges[0]))) is not None:
-        clock = f"from {stamps[:jump].max():.3f} to {stamps[jump]:.3f} s"
-        raise bag.error(f"odometry of {edges[0][0]}: the clock runs back {clock} at message {jump}")
+    if fault := describe_jump_back(tree.stamps(*edges[0]), "message"):
+        raise bag.error(f"odometry of {edges[0][0]}: {fault}")
     times, poses = tree.poses(*edges[0])
     if not len(times):
         raise bag.error(f"odometry of {edges[0][0]}: no valid pose")
@@ -171,10 +169,8 @@ def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, no
 
 
 def _time_order(bag: BagReader, topic: str, times: list[float]) -> np.ndarray:
-    jump = find_jump_back(np.array(times))
-    if jump is not None:
-        clock = f"from {max(times[:jump]):.3f} to {times[jump]:.3f} s"
-        raise bag.error(f"{topic}: the clock runs back {clock} at message {jump}")
+    if fault := describe_jump_back(np.array(times), "message"):
+        raise bag.error(f"{topic}: {fault}")
     if len(times) > 1 and min(times) == max(times):
         raise bag.error(f"{topic}: all messages have the stamp {times[0]:.3f} s")
     return np.argsort(times, kind="stable")

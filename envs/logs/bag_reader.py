@@ -93,12 +93,6 @@ class BagReader:
     def error(self, text: str) -> BagError:
         return BagError(f"{self.path}: {text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + '...'}")
 
-    def checked(self, where: str, function: Any, *arguments: Any) -> Any:
-        try:
-            return function(*arguments)
-        except ValueError as error:
-            raise self.error(f"{where}: {error}") from error
-
 
 @contextlib.contextmanager
 def open_bag(path: Path) -> Iterator[BagReader]:

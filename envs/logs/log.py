@@ -16,7 +16,7 @@ from lidarnaut.envs.robots import LidarParams, Mount
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
 from .scans import Limits, LogContent, Scan, common_beams, usable_scans
-from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back, trajectory_errors
+from .trajectory import MAX_SPEEDS, bridge_glitches, describe_jump_back, trajectory_errors
 
 MAX_STEP = 100.0
 """Maximum odometry distance between successive scans of a valid log [m]."""
@@ -87,11 +87,8 @@ class Log:
             raise ValueError(
                 f"odometry moves by {steps[scan]:g} m from scan {scan} to the next; at most {MAX_STEP:g} m is allowed"
             )
-        times = self.times[self.scan_rows]
-        jump = find_jump_back(times)
-        if jump is not None:
-            latest = times[:jump].max()
-            raise ValueError(f"the clock runs back from {latest:.3f} to {times[jump]:.3f} s at scan {jump}")
+        if fault := describe_jump_back(self.times[self.scan_rows], "scan"):
+            raise ValueError(fault)
 
 
 def load_log(

@@ -184,15 +184,13 @@ def read_archive(path: str | Path) -> LogContent:
             raise ValueError(
                 f"{path}, array {name}: must have numbers in {dimensions} dimensions, got {array.dtype} {array.shape}"
             )
-    if not np.isfinite(arrays["idx"]).all():
-        raise ValueError(f"{path}, array idx: must be finite")
     if arrays["odo"].shape[1] != 3:
         raise ValueError(f"{path}, array odo: must have rows of x, y, heading, got shape {arrays['odo'].shape}")
     lengths = {name: len(arrays[name]) for name in ("t", "odo", "idx", "ranges")}
     if lengths["t"] != lengths["odo"] or lengths["idx"] != lengths["ranges"]:
         raise ValueError(f"{path}: numbers of times, poses and scans do not agree: {lengths}")
-    if (arrays["idx"] != np.rint(arrays["idx"])).any():
-        raise ValueError(f"{path}, array idx: must be integers")
+    if not np.isfinite(arrays["idx"]).all() or (arrays["idx"] != np.rint(arrays["idx"])).any():
+        raise ValueError(f"{path}, array idx: must be finite integers")
     beams = float(arrays["ang0"]), float(arrays["dang"]), 0.0, float(arrays["maxr"])
     position = float(arrays.get("mount_x", 0.0)), 0.0, 0.0
     ranges = arrays["ranges"].astype(np.float32)

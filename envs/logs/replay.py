@@ -23,10 +23,9 @@ from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.slam import SLAM_NAMES, base_name, load_params, make_slam, read_params
 
-from .consistency import MAX_CONFLICTS
 from .log import Log, load_log
 from .relations import load_labelled
-from .runs import Run, measure, replay, save_replay
+from .runs import MAX_CONFLICTS, Run, measure, replay, save_replay
 
 TRUTH = "truth"
 SPARSE = 0.5

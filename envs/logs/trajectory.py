@@ -120,7 +120,10 @@ def bridge_glitches(
     return fixed, said
 
 
-def find_jump_back(times: np.ndarray) -> int | None:
-    """Return the index of the first backward jump of `times` [s] by more than `MAX_CLOCK_JUMP`, or None."""
-    is_back = np.maximum.accumulate(times) - times > MAX_CLOCK_JUMP
-    return int(is_back.argmax()) if is_back.any() else None
+def describe_jump_back(times: np.ndarray, what: str) -> str:
+    """Return a message on the first backward jump of `times` [s] by more than `MAX_CLOCK_JUMP`, empty without jump."""
+    latest = np.maximum.accumulate(times)
+    jumps = np.flatnonzero(latest - times > MAX_CLOCK_JUMP)
+    if len(jumps) == 0:
+        return ""
+    return f"the clock runs back from {latest[jumps[0]]:.3f} to {times[jumps[0]]:.3f} s at {what} {jumps[0]}"

@@ -1,5 +1,7 @@
 """Costmaps, frontiers, path planning and driving on the estimated map."""
 
+from lidarnaut.envs.geometry.occupancy_grid import crop_to_known
+
 from .candidates import CANDIDATE, FEATURES, Candidates, GainOverCost, Markers, failed_last, robot_features
 from .costmap import (
     COST_FREE,
@@ -9,7 +11,6 @@ from .costmap import (
     COST_UNKNOWN,
     Costmap,
     CostmapParams,
-    crop_to_known,
     make_costmap,
 )
 from .docking import DockNavigator

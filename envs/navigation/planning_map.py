@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarnaut.envs.geometry import NO_WINDOW, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Window
+from lidarnaut.envs.geometry.occupancy_grid import known_window
 from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, new_expansion, step_weights
-from lidarnaut.envs.navigation.costmap import COST_UNKNOWN, Costmap, CostmapParams, known_window
+from lidarnaut.envs.navigation.costmap import COST_UNKNOWN, Costmap, CostmapParams
 from lidarnaut.envs.navigation.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.planning_kernels import (

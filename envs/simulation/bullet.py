@@ -37,8 +37,8 @@ class BulletSimulator(Simulator):
         self.is_copy = False
         self.set_robot(robot)
 
-    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        return _copy, (*self._arguments, self.is_copy or self._world is not None)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._arguments, {"is_copy": self.is_copy or self._world is not None}
 
     def set_robot(self, robot: RobotParams) -> None:
         super().set_robot(robot)
@@ -122,11 +122,3 @@ class BulletSimulator(Simulator):
         for body, (x, y, *_) in zip(self._people, self.crowd.states.tolist(), strict=True):
             position = [x, y, 0.5 * self._reset_world().height]
             self._bullet.resetBasePositionAndOrientation(body, position, [0.0, 0.0, 0.0, 1.0])
-
-
-def _copy(
-    robot: RobotParams, control_period: float, num_robots: int, crowd: Crowd | None, is_running: bool
-) -> BulletSimulator:
-    simulator = BulletSimulator(robot, control_period, num_robots, crowd)
-    simulator.is_copy = is_running
-    return simulator

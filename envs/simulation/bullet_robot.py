@@ -126,13 +126,6 @@ class BulletRobot:
         self.touched: set[int] = set()
         """PyBullet ids of the bodies touched during the control period."""
 
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """Roll and pitch of the body [rad]."""
-        _, orientation = self._bullet.getBasePositionAndOrientation(self._body)
-        roll, pitch, _ = self._bullet.getEulerFromQuaternion(orientation)
-        return roll, pitch
-
     def build(self, bullet: BulletClient, world: World) -> None:
         self._bullet, self._body = bullet, build_robot(bullet, self._robot)
         self._walls = world.segments, world.circles

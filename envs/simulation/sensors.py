@@ -87,8 +87,7 @@ def with_peers(circles, states, index, radius):
     extended = with_room(circles, num_robots - 1)
     for k in range(num_robots):
         if k != index:
-            row = count + k - (k > index)
-            extended[row, 0], extended[row, 1], extended[row, 2] = states[k, at.X], states[k, at.Y], radius
+            write_row(extended[count + k - (k > index)], (states[k, at.X], states[k, at.Y], radius))
     return extended
 
 

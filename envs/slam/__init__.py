@@ -83,18 +83,15 @@ def make_slam(
     Raises:
         ValueError: if the name, the preset, a parameter or the resolution is invalid.
     """
-    if (base := base_name(name)) is not None:
-        own = split_parameters(name)[1]
+    base, own = split_parameters(name) if isinstance(name, str) else (name, {})
+    found: Any = resolve(base, dict[str, Any](SLAMS), "SLAM")
+    if base_name(name) is not None:
         for key in own.keys() & {"resolution", "odometry_noise"}:
             source = "map_resolution" if key == "resolution" else "the robot"
             raise ValueError(f"slam {name!r}: {key} is not a parameter here, it is set by {source}")
-        changes: dict[str, Any] = {"resolution": resolution}
-        if odometry_noise is not None:
-            changes["odometry_noise"] = odometry_noise
-        return SLAMS[base](lidar, read_params(name, preset, changes))
-    custom, values = split_parameters(name) if isinstance(name, str) else (name, {})
-    found: Any = resolve(custom, dict[str, Any](SLAMS), "SLAM")
-    if values:
+        changes = {"resolution": resolution} | ({} if odometry_noise is None else {"odometry_noise": odometry_noise})
+        return found(lidar, read_params(name, preset, changes))
+    if own:
         raise ValueError(f"slam {name!r}: only SLAMs of this package take parameters: {', '.join(SLAMS)}")
     if callable(found):
         return found(lidar, resolution)

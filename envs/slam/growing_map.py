@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 
+from lidarnaut.envs.estimation import Correction, MapUpdate
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Window
 from lidarnaut.envs.robots import LidarParams
 
@@ -76,6 +77,14 @@ class GrowingMap:
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
         self.grid.data = np.pad(self.grid.data, margins, constant_values=UNKNOWN)
 
+    def redrawn(self, correction: Correction | None = None) -> MapUpdate:
+        """Return the update for a map with other content than before: all known cells."""
+        data = self.grid.data
+        known = np.flatnonzero(data != UNKNOWN)
+        cells = np.empty((len(known), 2), dtype=np.int32)
+        np.divmod(known, data.shape[1], out=(cells[:, 0], cells[:, 1]), casting="unsafe")
+        return MapUpdate(cells, Window(0, 0, *data.shape), redrawn=True, origin=self.grid.origin, correction=correction)
+
 
 def _growth(size: int, first: int, last: int) -> tuple[int, int]:
     before = after = 0
@@ -85,11 +94,3 @@ def _growth(size: int, first: int, last: int) -> tuple[int, int]:
     while last + before >= size + after:
         after = 2 * after + size
     return before, after
-
-
-def known_cells(occupancy: np.ndarray) -> np.ndarray:
-    """Return row and column of all known cells, shape (n, 2), int32."""
-    known = np.flatnonzero(occupancy != UNKNOWN)
-    cells = np.empty((len(known), 2), dtype=np.int32)
-    np.divmod(known, occupancy.shape[1], out=(cells[:, 0], cells[:, 1]), casting="unsafe")
-    return cells

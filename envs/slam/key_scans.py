@@ -7,12 +7,12 @@ from numba import njit
 from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 
 from .log_odds_map import LOG_ODDS_UNIT, LogOddsMap
 from .matcher import MatcherObserver
-from .posegraph import GrowingArray
 from .scans import ScanGeometry, check_scan, median_ranges, project_hits
 
 

@@ -119,17 +119,10 @@ def world_sampler(
     if isinstance(world, list | tuple):
         if not world:
             raise ValueError("world is an empty list; name at least one")
-        each = [
-            world_sampler(
-                one,
-                split=split,
-                size=size if isinstance(one, str) and one in FAMILIES else None,
-                radius=radius,
-                difficulty=difficulty if one == "clutter" else None,
-                num_worlds=num_worlds,
-            )
-            for one in world
-        ]
+        sampler = partial(world_sampler, split=split, radius=radius, num_worlds=num_worlds)
+        sizes = [size if isinstance(one, str) and one in FAMILIES else None for one in world]
+        grades = [difficulty if one == "clutter" else None for one in world]
+        each = [sampler(one, size=own, difficulty=grade) for one, own, grade in zip(world, sizes, grades)]
         return partial(_draw_one_of, each)
     if isinstance(world, str) and world in FAMILIES:
         settings: dict[str, Any] = {"size": size, "radius": radius, "difficulty": difficulty}

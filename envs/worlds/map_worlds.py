@@ -7,6 +7,7 @@ from scipy import ndimage
 from lidarnaut.envs.files import printable
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.distance_transform import deepest_cell
+from lidarnaut.envs.geometry.occupancy_grid import crop_to_known, known_window
 from lidarnaut.envs.progress import Progress
 
 from .raster import check_world, outline
@@ -158,10 +159,7 @@ def left_out(world: World) -> OccupancyGrid:
     The grid covers the known part of the map.
     """
     assert world.map is not None
-    labels, known = _areas(world), np.argwhere(world.map.data >= 0)
-    (row, col), (last_row, last_col) = known.min(axis=0).tolist(), known.max(axis=0).tolist()
+    labels, known = _areas(world), crop_to_known(world.map, margin=0)
     is_out = (labels > 0) & (labels != _value_at(labels, world.map, world.spawns[0]))
-    x, y = world.map.origin
-    origin = x + col * world.map.resolution, y + row * world.map.resolution
-    data = np.where(is_out, np.int8(OCCUPIED), np.int8(FREE))[row : last_row + 1, col : last_col + 1]
-    return OccupancyGrid(np.ascontiguousarray(data), world.map.resolution, origin)
+    data = np.where(is_out, np.int8(OCCUPIED), np.int8(FREE))[known_window(world.map.data).slices]
+    return OccupancyGrid(np.ascontiguousarray(data), known.resolution, known.origin)

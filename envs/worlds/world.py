@@ -99,10 +99,7 @@ def kept_with_world(function: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def box(x: float, y: float, length: float, width: float, yaw: float = 0.0) -> np.ndarray:
-    """Return the corners of a rectangle centred at (x, y), rotated by `yaw` [rad]: shape (4, 2) [m].
-
-    Order: counter-clockwise.
-    """
+    """Return the corners, counter-clockwise, of a rectangle at (x, y), rotated by `yaw` [rad]: shape (4, 2) [m]."""
     corners = np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2
     return Pose2D(x, y, yaw).transform(corners)
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from lidarnaut.envs.localization.resampling import particles_needed, resample
+from lidarnaut.envs.localization.clusters import particles_needed, resample
 
 
 def _draw(weights, bins, most, least, *, injected=None, share=0.0, start=0.3, error=0.05, quantile=0.99):

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.logs import follow_odometry, load_log, load_relations, relation_error, trajectory_errors
-from lidarnaut.envs.logs.consistency import conflict_share
 from lidarnaut.envs.logs.log import Log
 from lidarnaut.envs.logs.relations import load_labelled
+from lidarnaut.envs.logs.runs import conflict_share
 from lidarnaut.envs.robots import LidarParams, Mount
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"

@@ -14,7 +14,7 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd import person_row as crowd_at
 from lidarnaut.envs.simulation.kinematic import advance
 from lidarnaut.envs.worlds import FixedRoute, World
-from tests.rooms import ORIGIN
+from tests.rooms import ORIGIN, tilt_of
 
 SPEED, RADIUS, SECONDS = 1.5, 0.25, 5.0
 """Speed and radius of the moving circle [m/s, m], and duration of its motion [s]."""
@@ -95,7 +95,7 @@ def run_bullet(robot, world, mode, rate, seconds, begin=ORIGIN):
         simulator.step([twist])
         [[center]] = simulator.states[0].pose.transform(np.array([robot.body.center[:2]]))[None]
         least = min(least, depth_inside(world, *center) / inscribed)
-        tilt = max(tilt, *map(abs, simulator.robots[0].tilt))
+        tilt = max(tilt, tilt_of(simulator))
     simulator.close()
     return least, math.degrees(tilt)
 

@@ -13,7 +13,7 @@ from lidarnaut.envs.geometry.raycast import Beams, cast_rays
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist, make_simulator
 from lidarnaut.envs.worlds import WORLD_NAMES, load_world
-from tests.rooms import BURGER, ORIGIN, begin, make_room, square_room
+from tests.rooms import BURGER, ORIGIN, begin, make_room, square_room, tilt_of
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed")
 
@@ -209,7 +209,7 @@ def test_a_robot_that_accelerates_too_fast_for_its_weight_drives_on_level():
     simulator = begin("bullet", replace(robot, max_v=3.0, max_acc_v=20.0, drive=drive), square_room(12.0), ORIGIN)
     for _ in range(20):
         reading = simulator.step([Twist(3.0, 0.0)])[0]
-        assert max(map(abs, simulator.robots[0].tilt)) < math.radians(25)
+        assert tilt_of(simulator) < math.radians(25)
         assert not reading.bumper
     assert simulator.states[0].pose.x > 1.0
 

@@ -8,7 +8,7 @@ from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
 from lidarnaut.envs.simulation import Twist, make_simulator
 from lidarnaut.envs.worlds import FixedRoute, load_world
-from tests.rooms import BURGER, ORIGIN, begin, square_room, without_slip
+from tests.rooms import BURGER, ORIGIN, begin, square_room, tilt_of, without_slip
 
 WALL = 2.0
 WALLED = square_room(8.0, segments=[[WALL, -8.0, WALL, 8.0]])
@@ -40,7 +40,7 @@ def test_a_thin_wall_stops_the_robot(physics, name):
                 assert free > robot.radius - 1e-5
             else:
                 assert reached[-1] < WALL + 0.001 + one_substep
-                assert max(map(abs, simulator.robots[0].tilt)) < math.radians(10)
+                assert tilt_of(simulator) < math.radians(10)
         assert sum(touched) > 10
         first = touched.index(True)
         if heading in (0.0, math.pi):

@@ -126,15 +126,15 @@ def test_the_pose_graph_has_a_loop_closure_and_no_odometry_across_a_relocalizati
     pose = STAY
     for k in range(200):
         if k == 60:
-            pose, before = Pose2D(2.0, -1.0, -2.8), slam.graph.num_nodes
+            pose, before = Pose2D(2.0, -1.0, -2.8), len(slam.nodes)
         slam.update(see(pose), MOTION if k else STAY)
         pose = pose.compose(MOTION)
     constraints = slam.graph.arrays.constraints
-    is_across = (constraints.node >= before) & (slam.nodes.spans[constraints.submap, 0] < before)
+    is_across = (constraints.node >= before) & (slam.nodes.spans.rows[constraints.submap, 0] < before)
     assert constraints.is_loop[is_across].all()
     assert constraints.is_loop[constraints.node == before].sum() == 1
-    assert slam.graph.num_nodes > before + 20
-    np.testing.assert_array_equal(slam.nodes.home[:before] < slam.nodes.home[before], True)
+    assert len(slam.nodes) > before + 20
+    np.testing.assert_array_equal(slam.nodes.home.rows[:before] < slam.nodes.home.rows[before], True)
 
 
 @pytest.mark.parametrize("slam", ["hector", "tinyslam", "graph", "gmapping"])

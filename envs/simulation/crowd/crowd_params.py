@@ -1,15 +1,14 @@
 """Parameters of pedestrian crowds."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
-import yaml
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from lidarnaut.envs.files import parse_record, resolve
+from lidarnaut.envs.files import parse_record, resolve, split_parameters
+from lidarnaut.envs.robots.robot_params import CONFIG
 
 from .orca import Orca
 from .social_force import Share, SocialForce
@@ -19,7 +18,7 @@ Radius = Annotated[float, Field(ge=0.1, le=1.0)]
 Speed = Annotated[float, Field(ge=0.05, le=5.0)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+@dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class Crowd:
     """Parameters of a pedestrian crowd. A pair (low, high) is the range of a uniform distribution."""
 
@@ -71,9 +70,7 @@ def crowd_of(people: PeopleLike) -> Crowd | None:
     """Convert the argument `people` to crowd parameters; None for no people. ValueError for invalid arguments."""
     changes: dict[str, Any] = {}
     if isinstance(people, str):
-        people, _, text = people.partition("?")
-        parts = (part.partition("=") for part in re.split(r",(?=\w+=)", text))
-        changes = {name: yaml.safe_load(value) for name, _, value in parts if name}
+        people, changes = split_parameters(people)
         people = int(people) if people.isdigit() else resolve(people, CROWDS, "crowd")
     if isinstance(people, int) and people < 0:
         raise ValueError(f"people must be 0 or more, got {people}")

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from lidarnaut.envs.geometry.lookup import as_tuple
+from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.simulation import records as robots_at
 from lidarnaut.envs.simulation.sensors import with_room
 
@@ -100,8 +101,7 @@ def with_people(circles, people):
     count = circles.shape[0]
     extended = with_room(circles, people.shape[0])
     for i in range(people.shape[0]):
-        row = count + i
-        extended[row, 0], extended[row, 1], extended[row, 2] = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
+        write_row(extended[count + i], (people[i, at.X], people[i, at.Y], people[i, at.RADIUS]))
     return extended
 
 
@@ -118,7 +118,6 @@ def with_bodies(circles, people, setup):
         swing = 0.5 * STRIDE * math.sin(person[at.PHASE])
         for leg, side in enumerate((-1.0, 1.0)):
             ahead, left = side * swing, side * LEG_OFFSET
-            row = extended[count + 2 * i + leg]
-            row[0], row[1] = person[at.X] + c * ahead - s * left, person[at.Y] + s * ahead + c * left
-            row[2] = LEG_RADIUS
+            x, y = person[at.X] + c * ahead - s * left, person[at.Y] + s * ahead + c * left
+            write_row(extended[count + 2 * i + leg], (x, y, LEG_RADIUS))
     return extended

@@ -5,6 +5,7 @@ import numpy as np
 from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
 
 from ..key_scans import Anchor, KeyScanSlam
@@ -13,7 +14,6 @@ from ..matching.correlative import CorrelativeWindow, search_window
 from ..matching.covariance import motion_stds, position_std
 from ..matching.fields import LEAST_MAP_SHARE, fits_map
 from ..matching.scan_matcher import WINDOW_STDS, MatcherParams
-from ..posegraph import GrowingArray
 from ..relocalization import FOUND_STD, LocalizationMonitor
 from ..scans import project_hits
 from ..slam_params import GMappingParams

@@ -7,7 +7,7 @@ from lidarnaut.envs.estimation import NO_CELLS, MapUpdate
 from lidarnaut.envs.geometry import UNKNOWN, Window
 from lidarnaut.envs.robots import LidarParams
 
-from ..growing_map import GrowingMap, known_cells
+from ..growing_map import GrowingMap
 from ..log_odds_map import MAX_STAMP, STAMP_BITS, LogOddsModel, forget_stamps, observe, percent
 from ..scans import SIDE_START, beam_ends, walk
 from ..slam_params import GMappingParams
@@ -168,7 +168,7 @@ class ParticleMaps(GrowingMap):
         count, window = render_tiles(self.maps, particle, self._shown, self._shown_number, data, new_cells)
         self._shown_number = self._number
         if is_switched:
-            return MapUpdate(known_cells(data), Window(0, 0, *data.shape), redrawn=True, origin=origin)
+            return self.redrawn()
         if window.is_empty:
             return MapUpdate(NO_CELLS, None)
         return MapUpdate(new_cells[:count].copy(), window, origin=origin)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numba.extending import overload
 
 from lidarnaut.envs.geometry import UNKNOWN
 
@@ -127,11 +126,6 @@ def _level_of_tiles(map, level):
     return _TileLevel(map.occupancy, height, width, map.slots, map.tiles_wide, map.cells, bits, level_start(level))
 
 
-@overload(at_level, inline="always")
-def _at_level_of_tiles(map, level):
-    return _level_of_tiles if getattr(map, "instance_class", None) is TileMap else None
-
-
 @njit(cache=True, error_model="numpy")
 def _cell_at(view, row, col):
     mask = (1 << view.bits) - 1
@@ -149,11 +143,6 @@ def _neighbours_of_tiles(view, row, col):
     # Clamped at the border, where only the first cell is used.
     right, above = min(col + 1, view.width - 1), min(row + 1, view.height - 1)
     return corner, _cell_at(view, row, right), _cell_at(view, above, col), _cell_at(view, above, right)
-
-
-@overload(neighbours, inline="always")
-def _neighbours_in_tiles(view, row, col):
-    return _neighbours_of_tiles if getattr(view, "instance_class", None) is _TileLevel else None
 
 
 @njit(cache=True, error_model="numpy")

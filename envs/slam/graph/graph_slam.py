@@ -6,18 +6,19 @@ import numpy as np
 from lidarnaut.envs.estimation import ORIGIN, Belief, Correction, MapUpdate
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam.hector import Hector
 from lidarnaut.envs.slam.key_scans import Anchor
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.fields import LEAST_MAP_SHARE, fits_map
-from lidarnaut.envs.slam.posegraph import GrowingArray, PoseGraph, PoseGraphView, drop_outliers, optimise_step
+from lidarnaut.envs.slam.posegraph import PoseGraph, PoseGraphView, drop_outliers, optimise_step
 from lidarnaut.envs.slam.relocalization import FOUND_STD
 from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 from .local_slam import LocalSlam
 from .loop_search import NUM_SKIPPED_SUBMAPS, Confirmation, LoopSearch
-from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses, replace_cells
+from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses
 
 FINAL_ITERATIONS = 10
 
@@ -98,7 +99,7 @@ class GraphSlam(Hector):
 
     def finish(self) -> None:
         """Complete loop-closure searches, optimisation and corrected map; write node poses to `belief.path`."""
-        while self.search.num_waiting:
+        while self.search.queue:
             self._close_loop()
         self._iterations = FINAL_ITERATIONS
         while self._iterations:
@@ -110,9 +111,6 @@ class GraphSlam(Hector):
             local = Pose2D(*self.nodes.poses[-1].tolist())
             self._graph_correction = Pose2D(*poses[-1].tolist()).compose(local.inverse())
         self._replace_map(MapRendering(self.params, self._lidar).add_all(self.nodes, poses))
-
-    def _make_map(self) -> LogOddsMap:
-        return MapRendering(self.params, self._lidar).map
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         before = self._last_matched_pose() or self._correction
@@ -145,7 +143,7 @@ class GraphSlam(Hector):
             self._relate(node, pose)
         self._mapped.append(pose)
         if node % self.params.loop_every == 0:
-            self.search.add_candidates(node, self.nodes.num_submaps - len(self.local.active))
+            self.search.add_candidates(node, len(self.nodes.spans) - len(self.local.active))
         return self.map.integrate(ranges, pose)
 
     def _add_to_graph(self, node: int) -> None:
@@ -161,7 +159,7 @@ class GraphSlam(Hector):
     def _relate(self, node: int, pose: Pose2D) -> None:
         mapped, arrays = self._mapped.rows, self.graph.arrays
         near = int(np.argmin(np.hypot(*(mapped[:, :2] - pose[:2]).T)))
-        submap = int(self.nodes.home[near])
+        submap = int(self.nodes.home.rows[near])
         frame, there = Pose2D(*arrays.submaps[submap].tolist()), Pose2D(*arrays.nodes[near].tolist())
         by_graph = there.compose(Pose2D(*mapped[near].tolist()).between(pose))
         self.graph.add_constraint(node, submap, frame.between(by_graph), np.diag(FOUND_STD) ** 2, is_loop=True)
@@ -198,8 +196,8 @@ class GraphSlam(Hector):
 
     def _replace_map(self, map: LogOddsMap) -> None:
         after = self.graph.arrays.nodes.copy()
-        correction = Correction(self._mapped.rows.copy(), after)
-        self.belief.update = replace_cells(self.map, map, correction)
+        self.map.take_cells(map)
+        self.belief.update = self.map.redrawn(Correction(self._mapped.rows.copy(), after))
         self.belief.path = after
         self._mapped.rows[:] = after
         self._rendering = None

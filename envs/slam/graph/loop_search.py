@@ -108,31 +108,29 @@ class LoopSearch:
         self._params, self._lidar, self._nodes, self._graph = params, lidar, nodes, graph
         self._field_params = dataclasses.replace(submap_params(params, lidar), **FIELD_PARAMS)
         self._searched: dict[int, int] = {}
-        self._queue: deque[tuple[int, int, tuple[float, float]]] = deque()
+        self.queue: deque[tuple[int, int, tuple[float, float]]] = deque()
+        """Node, submap and window of each waiting search."""
         self._kept: dict[int, tuple[Field, Pyramid]] = {}
 
     def add_candidates(self, node: int, num_finished: int) -> None:
         """Queue loop-closure searches between a node and nearby submaps. `num_finished`: number of finished submaps."""
         for submap, window in self._candidates(node, num_finished - NUM_SKIPPED_SUBMAPS):
             self._searched[submap] = node
-            self._queue.append((node, submap, window))
+            self.queue.append((node, submap, window))
 
     def search_next(self) -> Loop | None:
         """Run the oldest queued search; return the loop closure if accepted."""
-        return self.match(*self._queue.popleft()) if self._queue else None
-
-    @property
-    def num_waiting(self) -> int:
-        return len(self._queue)
+        return self.match(*self.queue.popleft()) if self.queue else None
 
     def _candidates(self, node: int, count: int) -> list[tuple[int, tuple[float, float]]]:
         params, nodes = self._params, self._nodes
         if count <= 0:
             return []
         arrays = self._graph.arrays
-        lengths = path_lengths(arrays.constraints, nodes.home, nodes.travelled, nodes.home[node])
+        home = nodes.home.rows
+        lengths = path_lengths(arrays.constraints, home, nodes.travelled.rows, home[node])
         near = []
-        distances = least_distances(arrays.nodes, nodes.spans[:count], node)
+        distances = least_distances(arrays.nodes, nodes.spans.rows[:count], node)
         farthest = MAX_DISTANCE + 0.5 * params.linear_search_window
         for submap in np.flatnonzero(distances <= farthest).tolist():
             if node - self._searched.get(submap, -params.submap_every) < params.submap_every:

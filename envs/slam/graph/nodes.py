@@ -1,14 +1,12 @@
 import numpy as np
 
-from lidarnaut.envs.estimation import Correction, MapUpdate
-from lidarnaut.envs.geometry import Pose2D, Window
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
-from lidarnaut.envs.slam.growing_map import known_cells
 from lidarnaut.envs.slam.key_scans import KeyScans
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.gauss_newton import refine
 from lidarnaut.envs.slam.matching.scan_matcher import make_prior
-from lidarnaut.envs.slam.posegraph import GrowingArray
 from lidarnaut.envs.slam.scans import project_hits
 from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
@@ -26,37 +24,21 @@ class NodeStore(KeyScans):
 
     def __init__(self, lidar: LidarParams) -> None:
         super().__init__(lidar)
-        self._submaps = GrowingArray((2,), np.int64, 32)
-        self._home = GrowingArray((), np.int32, 256)
-        self._travelled = GrowingArray((), np.float64, 32)
+        self.spans = GrowingArray((2,), np.int64, 32)
+        """Index of the first node of each submap, and index after the last."""
+        self.home = GrowingArray((), np.int32, 256)
+        """Index of the newest submap that contains each node."""
+        self.travelled = GrowingArray((), np.float64, 32)
+        """Distance travelled until the start of each submap [m]."""
         self._first_joined = 0
-
-    @property
-    def num_submaps(self) -> int:
-        return len(self._submaps)
-
-    @property
-    def home(self) -> np.ndarray:
-        """Index of the newest submap that contains each node, shape (num_nodes,), int32."""
-        return self._home.rows
-
-    @property
-    def spans(self) -> np.ndarray:
-        """Index of the first node of each submap, and index after the last, shape (num_submaps, 2), int64."""
-        return self._submaps.rows
-
-    @property
-    def travelled(self) -> np.ndarray:
-        """Distance travelled until the start of each submap, shape (num_submaps,), float64 [m]."""
-        return self._travelled.rows
 
     def break_off(self) -> None:
         self._first_joined = len(self)
 
     def add_submap(self, travelled: float) -> int:
         """Start a submap at the next node; return the submap index. `travelled`: distance travelled so far [m]."""
-        self._travelled.append(travelled)
-        return self._submaps.append((len(self), len(self)))
+        self.travelled.append(travelled)
+        return self.spans.append((len(self), len(self)))
 
     def add_node(self, ranges: np.ndarray, pose: Pose2D, submaps: list[int]) -> int:
         """Store a scan and its base pose, local frame, as a graph node; return the node index.
@@ -64,18 +46,18 @@ class NodeStore(KeyScans):
         `submaps`: indices of the submaps that contain it, newest last.
         """
         node = self.add(ranges, pose)
-        self._home.append(submaps[-1])
-        self.spans[submaps, 1] = node + 1
+        self.home.append(submaps[-1])
+        self.spans.rows[submaps, 1] = node + 1
         return node
 
     def submap_pose(self, submap: int) -> Pose2D:
         """Return the pose of a submap without loop-closure corrections: position of its first node, heading 0."""
-        x, y, _ = self.poses[self.spans[submap, 0]].tolist()
+        x, y, _ = self.poses[self.spans.rows[submap, 0]].tolist()
         return Pose2D(x, y, 0.0)
 
     def submap_scans(self, submap: int) -> tuple[np.ndarray, np.ndarray]:
         """Return scans of a submap, shape (n, num_beams), float32 [m], and base poses, shape (n, 3), submap frame."""
-        first, last = self.spans[submap].tolist()
+        first, last = self.spans.rows[submap].tolist()
         return self.ranges[first:last], self.poses[first:last] - np.array(self.submap_pose(submap))
 
     def recent_points(self, node: int, count: int, max_range: float, max_points: int) -> np.ndarray:
@@ -112,13 +94,6 @@ class MapRendering:
         while not self.add(nodes, poses, np.inf):
             pass
         return self.map
-
-
-def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
-    """Replace the content of the current map `live` by a rebuilt map; return a map update with all known cells."""
-    live.take_cells(other)
-    window = Window(0, 0, *live.grid.data.shape)
-    return MapUpdate(known_cells(live.grid.data), window, redrawn=True, origin=live.grid.origin, correction=correction)
 
 
 def any_pose_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:

@@ -5,6 +5,7 @@ import numpy as np
 from numba import njit
 
 from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry.occupancy_grid import crop_to_known
 
 from ..slam_params import LoopClosureParams
 
@@ -17,8 +18,6 @@ LEAST_HITS = 40
 """Minimum number of scan points near known cells to judge whether a scan fits a map."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
 """Minimum fraction of scan points near occupied cells for a scan to fit a map, or a (less distorted) submap."""
-
-
 GRAZING_LENGTH = 0.3
 """Length at the end of a beam that is not tested for occupied cells [m]. Grazing beams touch wall cells before their
 endpoint."""
@@ -36,15 +35,9 @@ class Field(NamedTuple):
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> Self:
-        """Crop an occupancy grid to its known cells; return one unknown cell if none is known."""
-        known = grid.data >= 0
-        rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-        if len(rows) == 0:
-            return cls(np.full((1, 1), -1, dtype=np.int8), *grid.origin, grid.resolution)
-        row, col = int(rows[0]), int(cols[0])
-        window = grid.data[row : int(rows[-1]) + 1, col : int(cols[-1]) + 1]
-        x, y = grid.origin[0] + col * grid.resolution, grid.origin[1] + row * grid.resolution
-        return cls(np.ascontiguousarray(window), x, y, grid.resolution)
+        """Crop an occupancy grid to its known cells; return the whole grid if none is known."""
+        known = crop_to_known(grid, margin=0)
+        return cls(np.ascontiguousarray(known.data), *known.origin, known.resolution)
 
 
 class HitShares(NamedTuple):

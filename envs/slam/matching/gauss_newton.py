@@ -13,7 +13,7 @@ from functools import singledispatch
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 from numba.extending import overload
 
 from lidarnaut.envs.geometry.lookup import load
@@ -70,7 +70,7 @@ class Level(NamedTuple):
 def at_level(map, level):
     """Return a map at one resolution: flattened `occupancy`, `height` and `width`; level 0 is the finest.
 
-    A map is a tuple of arrays, shape (height, width), int8, finest first, or a type that overloads this function.
+    A map is a tuple of arrays, shape (height, width), int8, finest first, or a named tuple with a registered function.
     """
     return Level(map[level].ravel(), map[level].shape[0], map[level].shape[1])
 
@@ -83,14 +83,15 @@ def neighbours(view, row, col):
     return corner, corner + np.uint64(1), above, above + np.uint64(1)
 
 
+# Compiled functions dispatch by the class of a named tuple, like Python.
 @overload(at_level, inline="always")
-def _at_level_of_arrays(map, level):
-    return at_level.dispatch(tuple) if isinstance(map, types.UniTuple) else None
+def _at_level(map, level):
+    return at_level.dispatch(getattr(map, "instance_class", tuple))
 
 
 @overload(neighbours, inline="always")
-def _neighbours_in_array(view, row, col):
-    return neighbours.dispatch(Level) if getattr(view, "instance_class", None) is Level else None
+def _neighbours(view, row, col):
+    return neighbours.dispatch(view.instance_class)
 
 
 @njit(cache=True, error_model="numpy")

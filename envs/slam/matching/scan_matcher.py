@@ -6,6 +6,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.geometry.rows import write_row
 
 from ..scans import project_hits
 from ..slam_params import MatchingParams
@@ -116,17 +117,14 @@ def match_to_levels(ranges, geometry, levels, sums, corner, last, predicted, par
         half_width, half_angle = params.retry_distance / resolution, params.retry_angle
         pose = search_window(*over, CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0))
         wide = np.zeros((3, 3))
-        wide[0, 0] = wide[1, 1] = params.retry_distance**2
-        wide[2, 2] = half_angle**2
+        predict_covariance(wide, 0.0, 0.0, params.retry_distance, half_angle)
         prior = make_prior(start, wide, params.residual_variance, resolution)
         found = refine(levels, num_levels, points, count, pose, prior, finest_steps, steps)
         there = known_score_at(levels, points, count, found[0], found[1], found[2])
         if there[0] * there[1] > num_known * known_score + params.retry_gain * count:
             x, y, theta, fit = found
             num_known, known_score = there
-            for i in range(3):
-                for j in range(3):
-                    covariance[i, j] = wide[i, j]
+            write_row(covariance.ravel(), wide.ravel())
             is_far = True
     is_judged = num_known >= params.min_known_hits
     fits = not is_judged or known_score >= params.min_known_score

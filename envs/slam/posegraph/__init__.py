@@ -1,7 +1,6 @@
 """Pose graph of scans and submaps, with its optimisation."""
 
-from .graph import Constraints, Graph, GrowingArray, PoseGraph, PoseGraphView
-from .optimise import chi_squares, drop_outliers, optimise, optimise_step
+from .graph import Constraints, Graph, PoseGraph, PoseGraphView
+from .optimise import chi_squares, drop_outliers, optimise_step
 
-__all__ = ["Constraints", "Graph", "GrowingArray", "PoseGraph", "PoseGraphView"]
-__all__ += ["chi_squares", "drop_outliers", "optimise", "optimise_step"]
+__all__ = ["Constraints", "Graph", "PoseGraph", "PoseGraphView", "chi_squares", "drop_outliers", "optimise_step"]

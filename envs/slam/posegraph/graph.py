@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike
+
+from lidarnaut.envs.geometry.rows import GrowingArray
 
 
 class Constraints(NamedTuple):
@@ -35,28 +37,6 @@ class Graph(NamedTuple):
     constraints: Constraints
 
 
-class GrowingArray:
-    """Array with appendable rows, whose capacity doubles when full."""
-
-    def __init__(self, row_shape: tuple[int, ...], dtype: DTypeLike, capacity: int) -> None:
-        self._rows = np.zeros((capacity, *row_shape), dtype=dtype)
-        self._count = 0
-
-    def __len__(self) -> int:
-        return self._count
-
-    def append(self, row: ArrayLike) -> int:
-        if self._count == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
-        self._rows[self._count] = row
-        self._count += 1
-        return self._count - 1
-
-    @property
-    def rows(self) -> np.ndarray:
-        return self._rows[: self._count]
-
-
 class PoseGraph:
     """Growing pose graph of nodes, submaps and constraints, map frame [m, m, rad]."""
 
@@ -73,10 +53,6 @@ class PoseGraph:
         return Graph(self._submaps.rows, self._nodes.rows, Constraints(*(each.rows for each in self._constraints)))
 
     @property
-    def num_nodes(self) -> int:
-        return len(self._nodes)
-
-    @property
     def num_submaps(self) -> int:
         return len(self._submaps)
 
@@ -88,15 +64,15 @@ class PoseGraph:
 
     def add_constraint(
         self, node: int, submap: int, relative: ArrayLike, covariance: ArrayLike, is_loop: bool = False
-    ) -> int:
-        """Add a measured node pose `relative`, submap frame [m, m, rad], as a constraint; return its index.
+    ) -> None:
+        """Add a measured node pose `relative`, submap frame [m, m, rad], as a constraint.
 
         Raises:
             ValueError: if the node or submap does not exist, or the covariance is not positive definite.
         """
-        if not (0 <= node < self.num_nodes and 0 <= submap < self.num_submaps):
+        if not (0 <= node < len(self._nodes) and 0 <= submap < self.num_submaps):
             raise ValueError(
-                f"node {node} or submap {submap} does not exist; there are {self.num_nodes} nodes and "
+                f"node {node} or submap {submap} does not exist; there are {len(self._nodes)} nodes and "
                 f"{self.num_submaps} submaps"
             )
         covariance = np.asarray(covariance, dtype=np.float64)
@@ -107,8 +83,7 @@ class PoseGraph:
             raise ValueError(f"covariance must be positive definite, got {covariance.tolist()}") from error
         row = (node, submap, relative, 0.5 * (information + information.T), is_loop, True)
         for each, value in zip(self._constraints, row):
-            index = each.append(value)
-        return index
+            each.append(value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -223,14 +223,6 @@ def optimise_step(graph: Graph, phi: float) -> float:
     return largest
 
 
-def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) -> int:
-    """Optimise a pose graph until pose changes are below `tolerance` [m or rad]; return the number of iterations."""
-    for k in range(max_iterations):
-        if optimise_step(graph, phi) < tolerance:
-            return k + 1
-    return max_iterations
-
-
 @njit(cache=True, error_model="numpy")
 def chi_squares(graph):
     """Return the chi-square of all constraints, including excluded outliers, shape (n,), float64."""
@@ -243,9 +235,6 @@ def chi_squares(graph):
     return values
 
 
-def drop_outliers(graph: Graph, max_chi2: float) -> int:
-    """Exclude loop closures with a chi-square above `max_chi2`; return the number excluded."""
-    constraints = graph.constraints
-    is_wrong = constraints.is_loop & constraints.is_active & (chi_squares(graph) > max_chi2)
-    constraints.is_active[is_wrong] = False
-    return int(is_wrong.sum())
+def drop_outliers(graph: Graph, max_chi2: float) -> None:
+    """Exclude loop closures with a chi-square above `max_chi2`."""
+    graph.constraints.is_active[graph.constraints.is_loop & (chi_squares(graph) > max_chi2)] = False

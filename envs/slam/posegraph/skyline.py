@@ -46,7 +46,6 @@ def _subtract_products(values, a, width_a, b, width_b, count, block):
 
 @njit(cache=True, error_model="numpy")
 def _factorise_diagonal(block, diagonal):
-    undetermined = 0
     for r in range(3):
         for q in range(r):
             for k in range(q):
@@ -57,18 +56,15 @@ def _factorise_diagonal(block, diagonal):
             block[r, r] = math.sqrt(block[r, r])
         else:
             block[r, r] = np.inf
-            undetermined += 1
-    return undetermined
 
 
 @njit(cache=True, error_model="numpy")
 def factorise(values, first, starts):
-    """Factorise a positive semidefinite matrix in place (Cholesky); return the number of undetermined unknowns.
+    """Factorise a positive semidefinite matrix in place (Cholesky).
 
     `values`: skyline storage, shape (starts[n],), float64. `starts`: start indices from `row_starts`.
     """
     block, diagonal = np.empty((3, 3)), np.empty(3)
-    undetermined = 0
     for i in range(first.shape[0]):
         width = 3 * (i + 1 - first[i])
         for j in range(first[i], i + 1):
@@ -83,7 +79,7 @@ def factorise(values, first, starts):
                 diagonal[r] = block[r, r]
             _subtract_products(values, row, width, other, other_width, 3 * (j - common), block)
             if i == j:
-                undetermined += _factorise_diagonal(block, diagonal)
+                _factorise_diagonal(block, diagonal)
             else:
                 end = starts[j] + 3 * (j - first[j])
                 for r in range(3):
@@ -94,7 +90,6 @@ def factorise(values, first, starts):
             for r in range(3):
                 for q in range(3):
                     values[at + r * width + q] = block[r, q]
-    return undetermined
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,8 +1,10 @@
+import math
+
 import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import INNER, ROBOT_HALF_SIDE, WALL_CLEARANCE, FloorPlan, Rect, Size, mirror, touching_pairs, units
+from .plan import INNER, ROBOT_HALF_SIDE, WALL_CLEARANCE, FloorPlan, Rect, Size, extent, mirror, touching_pairs, units
 
 _OUTER = 3
 """Thickness of outer walls [grid cells of 0.05 m]."""
@@ -89,12 +91,8 @@ def _open_doors(rng: np.random.Generator, plan: FloorPlan, rooms: list[Rect], co
         plan.open_door(rng, every[i], every[j], wall, width)
 
 
-def _area(room: Rect) -> int:
-    return (room[2] - room[0]) * (room[3] - room[1])
-
-
 def _kinds(rng: np.random.Generator, rooms: list[Rect], is_office: bool) -> list[str]:
-    order = sorted(range(len(rooms)), key=lambda i: _area(rooms[i]))
+    order = sorted(range(len(rooms)), key=lambda i: math.prod(extent(rooms[i], 0)))
     if is_office:
         kinds = ["office"] * len(rooms)
         kinds[order[0]] = "storage"
@@ -112,7 +110,7 @@ def _kinds(rng: np.random.Generator, rooms: list[Rect], is_office: bool) -> list
 
 
 def _furnish(rng: np.random.Generator, plan: FloorPlan, room: Rect, kind: str) -> None:
-    area, longer = _area(room), max(room[2] - room[0], room[3] - room[1])
+    area, longer = math.prod(extent(room, 0)), max(extent(room, 0))
     if kind == "kitchen":
         length = min(int(rng.integers(44, 80)), longer - 2 * ROBOT_HALF_SIDE)
         plan.put_somewhere(rng, furniture.counter(rng, length), room, attempts=8)

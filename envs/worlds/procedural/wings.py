@@ -106,11 +106,8 @@ def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int,
         if limit < _MIN_ROOM_SIDE:
             k += limit + 1
             continue
-        width = int(
-            rng.integers(
-                *((_MIN_ROOM_SIDE, 56), (56, 100), (56, 100), (70, 120), (110, _MAX_ROOM_DEPTH))[rng.integers(5)]
-            )
-        )
+        spans = (_MIN_ROOM_SIDE, 56), (56, 100), (56, 100), (70, 120), (110, _MAX_ROOM_DEPTH)
+        width = int(rng.integers(*spans[rng.integers(5)]))
         width = limit if limit - width < _MIN_ROOM_SIDE + INNER else width
         deep = int(reach[k : k + width].min())
         if rng.random() < 0.2:

@@ -142,7 +142,7 @@ def test_the_pose_graph_names_submaps_and_nodes(drive):
     np.testing.assert_allclose(relative, (0.05, 0.01, 0.1), atol=1e-9)
     graph = slam.pose_graph
     constraints = slam.graph.arrays.constraints
-    assert len(graph.nodes) == slam.graph.num_submaps + slam.graph.num_nodes
+    assert len(graph.nodes) == slam.graph.num_submaps + len(slam.nodes)
     assert len(graph.edges) == constraints.is_active.sum()
     assert graph.loops.shape == (slam.loop_closures, 2, 2)
     assert graph.loops[-1, 1].tolist() in slam.graph.arrays.nodes[:, :2].tolist()

@@ -81,9 +81,9 @@ def store_of(poses, scans):
 def test_submaps_hold_nodes_that_follow_one_another():
     poses = [(0.1 * k, 1.0, 0.2 * k) for k in range(7)]
     store = store_of(poses, [(np.inf, np.nan, 1.0 + k, np.inf) for k in range(7)])
-    assert store.spans.tolist() == [[0, 4], [2, 6], [4, 7], [6, 7]]
-    assert store.home.tolist() == [0, 0, 1, 1, 2, 2, 3]
-    assert store.travelled.tolist() == [0.0, 2.0, 4.0, 6.0]
+    assert store.spans.rows.tolist() == [[0, 4], [2, 6], [4, 7], [6, 7]]
+    assert store.home.rows.tolist() == [0, 0, 1, 1, 2, 2, 3]
+    assert store.travelled.rows.tolist() == [0.0, 2.0, 4.0, 6.0]
     assert store.submap_pose(2) == (0.4, 1.0, 0.0)
     np.testing.assert_allclose(store.points(3), [[4.0, 0.0]], atol=1e-6)
     ranges, in_submap = store.submap_scans(2)

@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers, optimise
+from lidarnaut.envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers, optimise_step
 
 PHI = 9.0
 SPACING, TURN = 20, 40
@@ -45,6 +45,11 @@ def make_graph(num_nodes, num_loops, num_outliers, rng):
         wrong = rng.uniform([-4.0, -4.0, -0.5], [4.0, 4.0, 0.5])
         graph.add_constraint(k, submap, wrong, covariance, is_loop=True)
     return graph, np.array(truth)
+
+
+def optimise(graph, phi, max_iterations, tolerance):
+    """Optimise a pose graph until pose changes are below `tolerance`; return the number of iterations."""
+    return next((k + 1 for k in range(max_iterations) if optimise_step(graph, phi) < tolerance), max_iterations)
 
 
 def random_graph(seed, num_outliers=0):
@@ -116,7 +121,7 @@ def test_loops_take_out_drift_despite_outliers():
     _, robust, arrays = errors(40, PHI)
     assert robust < clean + 0.03
     assert errors(40, np.inf)[1] > 0.5
-    assert drop_outliers(arrays, 54.0) == 40
+    drop_outliers(arrays, 54.0)
     assert not arrays.constraints.is_active[-40:].any()
     assert arrays.constraints.is_active[:-40].all()
     assert (chi_squares(arrays)[:-40] < 54.0).all()
@@ -167,6 +172,7 @@ def test_constraints_that_make_no_sense_are_refused():
         graph.add_constraint(0, 1, [0.0, 0.0, 0.0], np.eye(3))
     with pytest.raises(ValueError, match="positive definite"):
         graph.add_constraint(0, 0, [0.0, 0.0, 0.0], np.diag([1.0, 1.0, 0.0]))
-    assert graph.add_constraint(0, 0, [0.0, 0.0, 0.0], np.eye(3)) == 0
+    graph.add_constraint(0, 0, [0.0, 0.0, 0.0], np.eye(3))
+    assert graph.arrays.constraints.node.tolist() == [0]
     assert [graph.add_node([float(k), 0.0, 0.0]) for k in range(9)] == list(range(1, 10))
     np.testing.assert_array_equal(graph.arrays.nodes[:, 0], [0, *range(9)])
