@@ -37,7 +37,7 @@ BIAS_PATIENCE = 0.25
 """Time with only `gated` compass measurements after which the next one changes the compass bias [s]."""
 DISTURBED, DISTURBED_INTERVAL, DISTURBED_TIME = 3.0, 0.1, 4.0
 """The compass counts as disturbed if the heading of a `map` measurement differs from the estimate by more than this
-number of standard deviations, or if `gated` headings change its bias beside a known position. The random walk of the
+number of standard deviations, or if `gated` headings change its bias at a known position. The random walk of the
 bias then grows to this difference per interval [s], and decays to `bias_drift` with this time constant [s]."""
 SHIFTED = np.array([0.0, 0.0, 1.0, 0.0, 0.0, -1.0])
 """Change of the state that the compass does not measure: heading against compass bias."""
