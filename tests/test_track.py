@@ -7,11 +7,13 @@ import pytest
 from lidarnaut.baselines.episode import begin_episode, decide_with, run
 from lidarnaut.baselines.reactive import RouteFollower
 from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation.motion import arc_motion
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.localization.fusion import measure_heading, measure_wheels
+from lidarnaut.envs.localization.ekf import Measurement
+from lidarnaut.envs.localization.fusion import make_filter, measure_heading, measure_wheels, start_covariance
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.tasks.route import Progress, Route, rectangle
-from lidarnaut.envs.tasks.route_map import make_route_map
+from lidarnaut.envs.tasks.route_map import find_pivot, make_route_map
 from lidarnaut.envs.tasks.track import Track
 from lidarnaut.envs.worlds import load_world, rasterize, save_map
 from tests.test_contract import TASKS
@@ -122,6 +124,45 @@ def test_maps_are_made_once_and_are_aligned_with_the_world():
     assert wall == pytest.approx(-3.2, abs=0.06)
 
 
+def roll(pivot, turns):
+    """Return base poses and wheel motions of steps of 0.2 m; the point `pivot` ahead of the axle has no sideslip."""
+    wheels = [Pose2D(*arc_motion(0.2, turn)) for turn in turns]
+    ahead, poses = Pose2D(pivot, 0.0, 0.0), [Pose2D(1.0, 2.0, 3.0)]
+    for motion in wheels:
+        poses.append(poses[-1].compose(ahead).compose(motion).compose(ahead.inverse()))
+    return np.array(poses), np.array(wheels)
+
+
+@pytest.mark.parametrize("pivot", [0.03, -0.01, 0.0])
+def test_the_pivot_is_found_from_sideslip_in_turns(pivot):
+    rng = np.random.default_rng(0)
+    poses, wheels = roll(pivot, [*np.zeros(20), *np.full(40, 0.15), *np.zeros(20), *np.full(20, -0.1)])
+    assert find_pivot(poses, wheels) == pytest.approx(pivot, rel=0.05)
+    assert find_pivot(poses + 0.001 * rng.standard_normal(poses.shape), wheels) == pytest.approx(pivot, abs=0.003)
+
+
+def test_without_turns_the_pivot_stays_at_the_axle():
+    poses, wheels = roll(0.03, np.zeros(50))
+    noise = 0.001 * np.random.default_rng(0).standard_normal(poses.shape)
+    assert abs(find_pivot(poses + noise, wheels)) < 0.001
+    assert find_pivot(poses[:1], wheels[:0]) == 0.0
+
+
+@pytest.mark.parametrize("fusion", ["encoder", "encoder_compass"])
+def test_estimates_are_poses_of_the_base_which_slips_sideways(fusion):
+    hall = rasterize(load_world("workshop_hall"), 0.05)
+    env = LidarEnv(Track, **{**HALL, "fusion": fusion, "start_spread": (0.0, 0.0)}, map=hall)
+    estimator, pivot = env.robots[0].estimator, Pose2D(0.1, 0.0, 0.0)
+    estimator.pivot = pivot
+    env.reset(seed=0)
+    start = env.belief.pose.compose(pivot)
+    for _ in range(20):
+        env.step(np.array([0.0, 0.3], dtype=np.float32))
+        pose = estimator.estimate.pose
+        assert tuple(pose.compose(pivot)[:2]) == pytest.approx(start[:2], abs=2e-3)
+    assert pose.theta - start.theta > 0.1
+
+
 def test_a_route_through_a_wall_is_no_route():
     path = [[-2.0, -0.5], [-1.4, -0.5], [-1.4, 2.2], [-2.0, 4.0]]
     with pytest.raises(RuntimeError, match=r"did not reach the end of the route in world 'turtlebot3_world'"):
@@ -190,6 +231,32 @@ def test_fusion_is_not_worse_with_a_noisy_and_disturbed_compass():
         errors[fusion] = np.sqrt(np.mean([info["pose_error"][0] ** 2 for info in infos]))
     assert errors["full"] < 0.01
     assert errors["full"] < 1.1 * min(errors.values())
+
+
+def drive_past_a_magnet(peak, seed):
+    """Drive 19 m past a magnet after 6.4 m, which turns the compass by `peak`; return the RMS heading error [rad]."""
+    robot, rng, period, before, errors = load_robot("mpo_500"), np.random.default_rng(seed), 1 / 17, math.nan, []
+    noise, std = math.radians(0.3), np.array([0.01, 0.01, 0.0035])
+    robot = dataclasses.replace(robot, imu=dataclasses.replace(robot.imu, compass_std=noise))
+    ekf, ticks = make_filter(robot, period), 0.8 * period / robot.odometry.metres_per_tick
+    ekf.reset(Pose2D(0.0, 0.0, 0.0), start_covariance(), v=0.8, time=0.0)
+    for k in range(1, 400):
+        time = k * period
+        left, right = np.rint(ticks + rng.normal(0.0, 0.4, 2)).astype(int).tolist()
+        ekf.add(measure_wheels(robot, time, period, (left, right)))
+        heading = peak / (1.0 + (0.8 * time - 6.4) ** 2) ** 1.5 + noise * rng.standard_normal()
+        ekf.add(measure_heading(robot, time, period, before, heading))
+        if k % 2 == 0:
+            pose = (0.8 * time, 0.0, 0.0) + 0.5 * std * rng.standard_normal(3)
+            ekf.add(Measurement(time, "map", pose, np.diag(std**2)))
+        before = heading
+        errors.append(ekf.estimate().pose.theta)
+    return np.sqrt(np.mean(np.square(errors)))
+
+
+def test_a_magnet_costs_little_accuracy_after_the_robot_has_passed_it():
+    with_magnet, without = (np.mean([drive_past_a_magnet(peak, seed) for seed in range(3)]) for peak in (0.26, 0.0))
+    assert with_magnet < 1.3 * without
 
 
 @pytest.mark.parametrize("control_hz", [1.0, 2.0, 5.0])

@@ -222,7 +222,7 @@ def run_drive(
     channels = {}
     for k, (name, fault) in enumerate(filters.items()):
         ekf = make_filter(env.robot, env.task.control_period)
-        ekf.reset(Pose2D(0.0, 0.0, 0.0), start_covariance())
+        ekf.reset(fused.pivot, start_covariance())
         channels[name] = FaultyChannel(ekf, fault, np.random.default_rng([seed, k]))
     rows: list[tuple[float, Pose2D]] = []
     estimates: dict[str, list[Estimate]] = {name: [] for name in ("amcl", *filters)}
@@ -231,7 +231,8 @@ def run_drive(
         rows.append((info["time"], env.map_pose.between(env.truths[0].state.pose)))
         estimates["amcl"].append(fused.localized)
         for name, channel in channels.items():
-            estimates[name].append(channel.deliver(info["time"], fused.measurements))
+            estimate = channel.deliver(info["time"], fused.measurements)
+            estimates[name].append(dataclasses.replace(estimate, pose=estimate.pose.compose(fused.pivot.inverse())))
     env.close()
     time, truth = zip(*rows)
     nearest = [int(np.argmin(np.hypot(*(route.points - pose[:2]).T))) for pose in truth]

@@ -37,8 +37,8 @@ BIAS_PATIENCE = 0.25
 """Time with only `gated` compass measurements after which the next one changes the compass bias [s]."""
 DISTURBED, DISTURBED_INTERVAL, DISTURBED_TIME = 3.0, 0.1, 4.0
 """The compass counts as disturbed if the heading of a `map` measurement differs from the estimate by more than this
-number of standard deviations. The random walk of the bias then grows to this difference per interval [s], and decays
-to `bias_drift` with this time constant [s]."""
+number of standard deviations, or if `gated` headings change its bias at a known position. The random walk of the
+bias then grows to this difference per interval [s], and decays to `bias_drift` with this time constant [s]."""
 SHIFTED = np.array([0.0, 0.0, 1.0, 0.0, 0.0, -1.0])
 """Change of the state that the compass does not measure: heading against compass bias."""
 MIN_DISTANCE = 1e-3
@@ -358,16 +358,18 @@ class Ekf:
         if length > self._gates[len(noise) - 1]:
             since = after.gated_since.setdefault(kind, after.time)
             is_bias = kind == "compass" and has_bias
-            rivals = () if is_bias or kind == "encoder" else (after.located.get(of) for of in LOCATING if of != kind)
+            rivals = () if kind == "encoder" else (after.located.get(of) for of in LOCATING if of != kind)
             is_located = any(time is not None and after.time - time <= self._patience for time in rivals)
             patience = BIAS_PATIENCE if is_bias else self._patience
-            if is_located or after.time - since < patience or after.time == since:
+            if (is_located and not is_bias) or after.time - since < patience or after.time == since:
                 after.verdict = "gated"
                 return
             # Inflate the prior to the size of the innovation.
             inflation = innovation**2 @ jacobian**2
             inflation[: BIAS if is_bias else 0] = 0.0
             inflation[BIAS] *= is_bias
+            if is_bias and is_located:
+                after.disturbance = max(after.disturbance, innovation[0] ** 2 / DISTURBED_INTERVAL)
             covariance += np.diag(inflation)
             innovation, spread, length = _innovation_of(covariance, *compared)
             after.verdict = "recovered"

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
@@ -137,6 +138,8 @@ class FusedPose:
         self.belief: Belief
         self.north = math.nan
         """Compass heading of the map's x axis [rad]; set before `reset`."""
+        self.pivot = ORIGIN
+        """Point of the base without sideslip; set before `reset`. `ekf` and map measurements hold its poses."""
         self._robot, self._kinds, self._latency = robot, FUSIONS[fusion], latency
         self._delayed: deque[tuple[float, Measurement, Pose2D]] = deque()
 
@@ -169,15 +172,15 @@ class FusedPose:
             ValueError: time stamps do not increase.
         """
         last, self._last = self._last, reading
-        motion = motion if last else ORIGIN
+        motion = self.pivot.compose(motion).compose(self.pivot.inverse()) if last else ORIGIN
         localized, self._odometry = self.localizer.update(reading, motion), self._odometry.compose(motion)
         if self.localizer.is_corrected and not localized.is_lost:
             error = MAP_STD * localized.grid.resolution
             covariance = localized.covariance + np.diag(np.square([error, error, MAP_HEADING_STD]))
-            measurement = Measurement(reading.time, "map", np.array(localized.pose), covariance)
-            self._delayed.append((reading.time + self._latency, measurement, self._odometry))
+            measurement = Measurement(reading.time, "map", np.array(localized.pose.compose(self.pivot)), covariance)
+            self._delayed.append((reading.time + self._latency, measurement, self._odometry.compose(self.pivot)))
         if last is None:
-            self.ekf.reset(self.belief.pose, np.diag(self._start), time=reading.time)
+            self.ekf.reset(self.belief.pose.compose(self.pivot), np.diag(self._start), time=reading.time)
             self.measurements, self._heading = [], math.nan
             self.estimate = self.localized = Estimate(reading.time, self.belief.pose, 0.0, 0.0, np.diag(self._start))
             return self.belief
@@ -201,8 +204,11 @@ class FusedPose:
         for measurement in self.measurements:
             if measurement.kind in self._kinds:
                 self.ekf.add(measurement)
-        estimate = self.ekf.estimate(reading.time) if self._kinds else self.localized
-        self.estimate, belief = estimate, self.belief
+        estimate, belief = self.localized, self.belief
+        if self._kinds:
+            estimate = self.ekf.estimate(reading.time)
+            estimate = replace(estimate, pose=estimate.pose.compose(self.pivot.inverse()))
+        self.estimate = estimate
         belief.pose, belief.covariance = estimate.pose, estimate.covariance[:3, :3]
         belief.twist, belief.is_lost = Twist(estimate.v, estimate.w), localized.is_lost
         belief.rivals = localized.rivals

@@ -26,6 +26,9 @@ UPDATE_DISTANCE = 0.2
 UPDATE_ANGLE = 0.15
 """Turn after which the mapping drive adds the next scan to the map [rad]."""
 
+PIVOT_PRIOR = 0.04
+"""Squared ratio of the errors across of a scan's pose (2 mm) and of the expected pivot (1 cm) [rad2]."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteMap:
@@ -35,6 +38,8 @@ class RouteMap:
     """Occupancy grid in the frame of the route's start."""
     north: float
     """Compass heading of the map's x axis [rad]; NaN without a compass."""
+    pivot: float
+    """Distance from the axle to the point without sideslip (`find_pivot`), forwards [m]."""
     poses: np.ndarray
     """Estimated poses of the mapping drive: shape (n, 3), float64, map frame [m, m, rad]."""
 
@@ -66,7 +71,7 @@ def make_route_map(
     mapper.reset(slam_rng)
     wheels = WheelMotion(robot)
     wheels.reset(reading)
-    poses, readings = [mapper.update(reading, ORIGIN).pose], [reading]
+    poses, readings, motions = [mapper.update(reading, ORIGIN).pose], [reading], list[Pose2D]()
     progress, truth, motion = Progress(route), route.start, ORIGIN
     # twice the time at maximum speed, plus 30 s
     steps_left = round((2.0 * route.length / robot.max_v + 30.0) / control_period)
@@ -85,6 +90,7 @@ def make_route_map(
             continue
         poses.append(mapper.update(reading, motion).pose)
         readings.append(reading)
+        motions.append(motion)
         motion = ORIGIN
     simulator.close()
     found = np.array(poses)
@@ -93,7 +99,21 @@ def make_route_map(
     grid = _draw(robot, readings, found, resolution, getattr(mapper, "params", None))
     _clear_driven(grid, found, 0.5 * robot.radius)
     offset = np.mean(np.exp(1j * (np.array([reading.heading for reading in readings]) - found[:, 2])))
-    return RouteMap(grid, math.atan2(offset.imag, offset.real), found)
+    return RouteMap(grid, math.atan2(offset.imag, offset.real), find_pivot(found, np.array(motions)), found)
+
+
+def find_pivot(poses: np.ndarray, motions: np.ndarray) -> float:
+    """Return the distance from the axle to the point without sideslip [m], by least squares over a drive.
+
+    Encoders do not measure the sideslip `v_y = -x w`; x: coordinate of the instantaneous centre of rotation (Mandow et
+    al., "Experimental kinematics for wheeled skid-steer mobile robots", 2007). `poses`: base poses, shape (n, 3);
+    `motions`: odometry, each pose relative to the pose before, shape (n - 1, 3); both float64 [m, m, rad].
+    """
+    steps = itertools.pairwise(itertools.starmap(Pose2D, poses.tolist()))
+    moved = np.array([before.between(pose) for before, pose in steps]).reshape(-1, 3)
+    (x, y, _), half = (motions.reshape(-1, 3) - moved).T, 0.5 * moved[:, 2]
+    turns = 2.0 * np.sin(half)
+    return float(turns @ (np.cos(half) * y - np.sin(half) * x) / (turns @ turns + PIVOT_PRIOR))
 
 
 def _draw(

@@ -180,7 +180,7 @@ class Track(Task):
         drive = self.physics, self.slam, self.route_world.points.tobytes()
         made_with = self.map_resolution, self.control_period, self.map_seed
         route_map = make_route_map(self._world, self.robot, *drive, *made_with)
-        self._fused.north = route_map.north
+        self._fused.north, self._fused.pivot = route_map.north, Pose2D(route_map.pivot, 0.0, 0.0)
         return Prior(ORIGIN, route_map.grid, covariance)
 
     def reset(
