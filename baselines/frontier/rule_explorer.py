@@ -1,5 +1,5 @@
 import math
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -44,8 +44,8 @@ class RuleExplorer:
         `max_time`: maximum drive time before the next choice of a frontier [s]. `max_candidates`: maximum number of
         frontiers to score, lowest path cost first. `planning`, `params`: parameters of planning and driving.
         """
-        self.rule, self.planning = rule, planning
-        self.limits: Any = {"max_time": max_time, "max_candidates": max_candidates, "params": params}
+        self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
+        self.planning, self.params = planning, params
         self.uses_ground_truth = getattr(rule, "uses_ground_truth", False)
         self.end_reason: str | None = None
         """Reason why exploration ended, `"no_reachable_frontier"` or `"stuck"`; None while exploring."""
@@ -71,7 +71,14 @@ class RuleExplorer:
         return f"goal {goal}, {len(navigator.candidates)} frontiers, {len(failed)} blacklisted"
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        self.navigator = FrontierNavigator(robot, control_period, planning=self.planning, **self.limits)
+        self.navigator = FrontierNavigator(
+            robot,
+            control_period,
+            max_candidates=self.max_candidates,
+            max_time=self.max_time,
+            planning=self.planning,
+            params=self.params,
+        )
         if hasattr(self.rule, "reset"):
             self.rule.reset(robot, rng)
         self._has_begun = False

@@ -157,7 +157,9 @@ class GoalNavigator:
         dwb: DwbParams = DwbParams(),
     ) -> None:
         """Create a navigator. `planning`: parameters; None for defaults that depend on whether the map is known."""
-        self.params, self.planning, self._dwb = params, planning, dwb
+        self.params, self.planning = params, planning
+        self.dwb = dwb if params.local_planner == "dwb" else None
+        """Parameters of the local planner `dwb`; None for others."""
         self.goal: tuple[float, float] | None = None
         """Goal (x, y), map frame [m]."""
         self.target: tuple[float, float] | None = None
@@ -171,7 +173,7 @@ class GoalNavigator:
         self._robot, self._period = robot, control_period
         limits = NavigatorParams(goal_tolerance=0.0, max_recoveries=self.params.max_recoveries)
         self._navigator = Navigator(robot, control_period, limits)
-        makers = {**LOCAL_PLANNERS, "dwb": lambda robot, period, _: DwbPlanner(robot, period, self._dwb)}
+        makers = {**LOCAL_PLANNERS, "dwb": lambda robot, period, _: DwbPlanner(robot, period, self.dwb or DwbParams())}
         self._planner: Any = resolve(self.params.local_planner, makers, "local planner")(robot, control_period, rng)
         self._turns_itself = getattr(self._planner, "turns_at_goal", False)
         self._tracker = (

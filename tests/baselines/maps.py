@@ -46,9 +46,7 @@ def candidates_from(x, y, grid=None, **settings):
 
 def first_choice(explorer, x, y, grid=None):
     """First frontier (x, y) chosen by a `RuleExplorer` from a position; None without frontiers."""
-    candidates = candidates_from(
-        x, y, grid, max_candidates=explorer.limits["max_candidates"], planning=explorer.planning
-    )
+    candidates = candidates_from(x, y, grid, max_candidates=explorer.max_candidates, planning=explorer.planning)
     if len(candidates) == 0:
         return None
     if hasattr(explorer.rule, "reset"):

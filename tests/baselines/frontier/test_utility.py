@@ -107,7 +107,7 @@ def test_a_robot_walled_in_by_its_own_map_says_that_it_is_stuck():
 
 def test_published_values_reach_planning_driving_and_dwb():
     explorer = make_explorer("frontier:published")
-    dwb, limits, rule = explorer.dwb, explorer.limits["params"], explorer.rule._params
+    dwb, limits, rule = explorer.dwb, explorer.params, explorer.rule._params
     assert (dwb.max_vel_x, dwb.max_vel_theta, dwb.acc_lim_x, dwb.sim_time, dwb.width) == (0.78, 2.0, 4.0, 2.5, 10.0)
     assert (dwb.inflation_radius, limits.stuck_time, limits.stuck_distance) == (0.6, 30.0, 0.5)
     assert dwb.xy_goal_tolerance == limits.max_goal_tolerance == 0.3
