@@ -30,8 +30,8 @@ from lidarnaut.envs.simulation import KinematicSimulator, Reading, Twist, make_s
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
-from lidarnaut.envs.task import Task, total
-from lidarnaut.envs.transition import people_metrics, pose_errors, update_robots
+from lidarnaut.envs.task import Task
+from lidarnaut.envs.transition import Quantities, people_metrics, pose_errors, update_robots
 from lidarnaut.envs.worlds import World
 
 NO_TRACKS = np.empty((0, 5))
@@ -328,8 +328,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of a step; `is_last` truncates the episode."""
-        rewards = self.task.rewards.terms(self.task.quantities())
+        rewards = self.reward_terms(self.task.quantities())
         return self.judge(rewards, self.info(rewards), is_last)
+
+    def reward_terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
+        """Return the reward terms of a step by name. `quantities`: those of the task."""
+        rewards = self.task.rewards
+        return rewards.terms(Quantities(quantities, self) if rewards.reads_shared else quantities)
 
     def judge(
         self, rewards: Mapping[str, float], info: dict[str, Any], is_last: bool, reason: str | None = None
@@ -342,7 +347,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         truncated |= is_last
         if terminated or truncated:
             info = info | self.final_metrics() | {"end_reason": reason or "time_limit"}
-        return total(rewards), terminated, truncated, info
+        return self.task.rewards.checked_total(rewards), terminated, truncated, info
 
     def final_metrics(self) -> dict[str, Any]:
         """Return the additional entries of an episode's last `info`."""
