@@ -266,10 +266,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
             return f"task {type(env.task).__name__} needs every control period"
-        if env.task.rewards.shared:
-            return "reward terms of speeds, gaps and pose errors need every control period"
-        if env.sensors or env.on_period or env.render_mode == "human" or env.robots[0].tracker is not None:
-            return "custom sensors, people trackers, recorders and windows need every control period"
+        own = env.sensors or env.task.rewards.shared
+        if own or env.on_period or env.render_mode == "human" or env.robots[0].tracker is not None:
+            return "custom sensors, rewarded speeds, people trackers, recorders and windows need every control period"
         return ""
 
     @property

@@ -61,18 +61,17 @@ class Rewards:
     """Reward function: sum of quantities of a step, each times the weight of the same name.
 
     Subclasses may override `changes` and `terms`. The class of a task lists its own quantities, such as `progress`. All
-    tasks share these, without a weight by default; true values at the end of the step:
+    tasks share the following, true values at the end of the step, without a weight by default:
 
-    | quantity | unit | meaning |
-    |---|---|---|
-    | `forward_speed` | m/s | negative backwards |
-    | `yaw_rate` | rad/s | counter-clockwise |
-    | `action_v`, `action_w` | 1 | last action: forward speed and yaw rate, as fractions of their limits |
-    | `acceleration` | m/s2 | change of the forward speed that the speed controller sets |
-    | `jerk` | m/s3 | magnitude of the change of `acceleration` |
-    | `person_gap` | m | gap between footprint and nearest person, at most 10 |
-    | `obstacle_gap` | m | gap between footprint and nearest static obstacle or other robot, 0 to 10 |
-    | `position_error`, `yaw_error` | m, rad | error of the pose estimate: distance, and magnitude of the angle |
+    - `forward_speed`: forward speed, negative backwards [m/s].
+    - `yaw_rate`: yaw rate, counter-clockwise [rad/s].
+    - `action_v`, `action_w`: forward speed and yaw rate of the action, as fractions of the limits [1].
+    - `acceleration`: change of the forward speed set by the speed controller [m/s2].
+    - `jerk`: magnitude of the change of the acceleration [m/s3].
+    - `person_gap`: gap between footprint and nearest person, at most 10 m [m].
+    - `obstacle_gap`: gap between footprint and nearest static obstacle or other robot, at most 10 m [m].
+    - `position_error`: distance between estimated and true position [m].
+    - `yaw_error`: magnitude of the heading error of the pose estimate [rad].
 
     Their terms are weight x duration [s] x magnitude; `forward_speed` keeps its sign. In a team, they are arrays, shape
     (num_robots,), float64, and terms are sums over the robots.

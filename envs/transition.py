@@ -189,15 +189,13 @@ class Quantities(dict[str, Any]):
     """Quantities of a step: those of the task, and shared ones (see `Rewards`), computed when first read by name."""
 
     def __init__(self, own: Mapping[str, Any], env: Any) -> None:
-        """Begin with the quantities `own` of the task, and shared ones with a weight. `env`: `LidarEnv` after a step."""
+        """Begin with the task's quantities `own`, and shared ones with a weight. `env`: `LidarEnv` after a step."""
         super().__init__(own)
         self._env = env
         self.update({name: self[name] for name in env.task.rewards.shared})
 
     def __missing__(self, name: str) -> Any:
         rows, world = self._env.rows.numbers, self._env.world
-        if name not in SHARED:
-            raise ValueError(f"unknown quantity {explain_unknown(name, dict.fromkeys([*self, *SHARED]))}")
         if name in COLUMNS:
             values = rows[:, COLUMNS[name]].copy()
         elif name == "obstacle_gap":
@@ -205,7 +203,9 @@ class Quantities(dict[str, Any]):
             for k, (x, y, radius) in enumerate(bodies.tolist()):
                 circles = np.ascontiguousarray(np.vstack([world.circles, np.delete(bodies, k, axis=0)]))
                 values[k] = min(max(clearance(x, y, world.segments, circles) - radius, 0.0), MAX_PERSON_GAP)
+        elif name in SHARED:
+            values = pose_errors(rows)[:, int(name == "yaw_error")]
         else:
-            values = pose_errors(rows)[:, SHARED.index(name) - SHARED.index("position_error")]
+            raise ValueError(f"unknown quantity {explain_unknown(name, dict.fromkeys([*self, *SHARED]))}")
         self[name] = values if self._env.task.is_team else float(values[0])
         return self[name]

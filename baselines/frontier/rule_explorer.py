@@ -109,8 +109,8 @@ class RuleExplorer:
 
     def choose(self, navigator: FrontierNavigator, belief: Belief) -> int:
         """Return the index of the candidate (reachable frontier) with the highest score."""
-        self.scores = scores = self.rate(navigator, belief)
-        return int(scores.argmax())
+        self.scores = self.rate(navigator, belief)
+        return int(self.scores.argmax())
 
     def rate(self, navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
         name, count = getattr(self.rule, "__name__", type(self.rule).__name__), len(navigator.candidates)
@@ -120,7 +120,7 @@ class RuleExplorer:
             raise ValueError(f"frontier rule {name}: {type(error).__name__}: {error}") from error
         if scores.shape != (count,) or np.isnan(scores).any():
             got = f"shape {scores.shape} with {np.isnan(scores).sum()} NaN"
-            raise ValueError(f"frontier rule {name} must return a score per candidate, shape ({count},), no NaN, got {got}")
+            raise ValueError(f"frontier rule {name} must return {count} scores without NaN, got {got}")
         return scores
 
     def _stick(self, navigator: FrontierNavigator, belief: Belief, outcome: str) -> int:
