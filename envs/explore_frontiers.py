@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.envs.arguments import check_positive, is_whole
-from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.core import LidarEnv, Quantities
 from lidarnaut.envs.drive_kernel import UNCHECKED, drive
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import (
@@ -30,7 +30,6 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.task import magnitude
 from lidarnaut.envs.tasks.explore import Explore
-from lidarnaut.envs.transition import Quantities
 
 MAX_CANDIDATES = 1000
 """Upper limit of the argument `max_candidates`: observations contain distances between all candidates."""

@@ -23,7 +23,7 @@ from lidarnaut.envs.worlds import World
 
 COLUMNS = {"forward_speed": at.V, "yaw_rate": at.W, "action_v": at.ACTION_V, "action_w": at.ACTION_W}
 COLUMNS |= {"acceleration": at.ACCELERATION, "jerk": at.JERK, "person_gap": at.PERSON_GAP}
-SHARED = (*COLUMNS, "obstacle_gap", "position_error", "yaw_error")
+SHARED_QUANTITIES = (*COLUMNS, "obstacle_gap", "position_error", "yaw_error")
 """Quantities of all tasks, see `Rewards`. `COLUMNS`: indices of some in a robot's state vector."""
 
 
@@ -83,13 +83,13 @@ class Rewards:
     def __init__(self, weights: Mapping[str, float], changes: Mapping[str, float] | None = None) -> None:
         """Create the reward function of a task with default `weights`; `changes` replaces the attribute."""
         changes, has_own_terms = self.changes if changes is None else changes, type(self).terms is not Rewards.terms
-        if not has_own_terms and (unknown := sorted(changes.keys() - weights.keys() - {*SHARED})):
-            raise ValueError(f"reward has unknown terms {unknown}; allowed are {[*weights, *SHARED]}")
+        if not has_own_terms and (unknown := sorted(changes.keys() - weights.keys() - {*SHARED_QUANTITIES})):
+            raise ValueError(f"reward has unknown terms {unknown}; allowed are {[*weights, *SHARED_QUANTITIES]}")
         for name, weight in (chosen := {**weights, **changes}).items():
             if not is_number(weight):
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
         self.weights = {name: float(weight) for name, weight in chosen.items()}
-        self.shared = [name for name in SHARED if name in chosen]
+        self.shared = [name for name in SHARED_QUANTITIES if name in chosen]
         """Weighted quantities that all tasks share."""
         self.reads_shared = has_own_terms or len(self.shared) > 0
 
@@ -123,7 +123,7 @@ class Rewards:
     def checked_total(self, terms: Any) -> Any:
         """Return the sum of terms; raise ValueError if one is not a finite number."""
         try:
-            if is_number(value := total(terms)):
+            if (type(value := total(terms)) is float and abs(value) < np.inf) or is_number(value):
                 return value
         except (TypeError, ValueError, AttributeError):
             pass

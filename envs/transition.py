@@ -1,16 +1,12 @@
 """Numba kernels for robots in one control period: motion, contacts and odometry."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numba import njit
 
 from lidarnaut.envs.estimation.motion import gyro_motion, wheel_motion
 from lidarnaut.envs.estimation.trail import TRAIL_SPACING
-from lidarnaut.envs.files import explain_unknown
-from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.pose import between, compose, distance
 from lidarnaut.envs.robot import MAX_PERSON_GAP, MAX_TIME_TO_COLLISION, REMEMBER, REMEMBER_TRUE, SCAN, MotionSettings
@@ -19,7 +15,6 @@ from lidarnaut.envs.simulation.contact import drove_into
 from lidarnaut.envs.simulation.crowd import person_row as crowd_at
 from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.slam.key_scans import has_moved
-from lidarnaut.envs.task import COLUMNS, SHARED
 
 NUM_MOTION_SETTINGS = len(MotionSettings._fields)
 PERSONAL_SPACE = 0.45
@@ -183,29 +178,3 @@ def pose_errors(rows):
         dx, dy, turn = between(pose[0], pose[1], pose[2], true[0], true[1], true[2])
         errors[k, 0], errors[k, 1] = distance(dx, dy), abs(turn)
     return errors
-
-
-class Quantities(dict[str, Any]):
-    """Quantities of a step: those of the task, and shared ones (see `Rewards`), computed when first read by name."""
-
-    def __init__(self, own: Mapping[str, Any], env: Any) -> None:
-        """Begin with the task's quantities `own`, and shared ones with a weight. `env`: `LidarEnv` after a step."""
-        super().__init__(own)
-        self._env = env
-        self.update({name: self[name] for name in env.task.rewards.shared})
-
-    def __missing__(self, name: str) -> Any:
-        rows, world = self._env.rows.numbers, self._env.world
-        if name in COLUMNS:
-            values = rows[:, COLUMNS[name]].copy()
-        elif name == "obstacle_gap":
-            bodies, values = rows[:, [at.X, at.Y, at.ROBOT]], np.empty(len(rows))
-            for k, (x, y, radius) in enumerate(bodies.tolist()):
-                circles = np.ascontiguousarray(np.vstack([world.circles, np.delete(bodies, k, axis=0)]))
-                values[k] = min(max(clearance(x, y, world.segments, circles) - radius, 0.0), MAX_PERSON_GAP)
-        elif name in SHARED:
-            values = pose_errors(rows)[:, int(name == "yaw_error")]
-        else:
-            raise ValueError(f"unknown quantity {explain_unknown(name, dict.fromkeys([*self, *SHARED]))}")
-        self[name] = values if self._env.task.is_team else float(values[0])
-        return self[name]

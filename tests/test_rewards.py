@@ -6,20 +6,20 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut.envs import transition
+from lidarnaut.envs import core
 from lidarnaut.envs.simulation import records as at
-from lidarnaut.envs.task import SHARED, Rewards
+from lidarnaut.envs.task import SHARED_QUANTITIES, Rewards
 from tests.test_vector_info import compare
 
 CROWD = {"world": "rooms", "people": 6, "physics": "kinematic"}
-WEIGHTS = dict.fromkeys(SHARED, 0.1)
+WEIGHTS = dict.fromkeys(SHARED_QUANTITIES, 0.1)
 
 
 class Notes(Rewards):
     """Keeps the shared quantities of each step, and rewards nothing of its own."""
 
     def terms(self, quantities):
-        self.seen = {name: quantities[name] for name in SHARED}
+        self.seen = {name: quantities[name] for name in SHARED_QUANTITIES}
         return super().terms(quantities)
 
 
@@ -116,7 +116,7 @@ def test_terms_of_a_team_are_sums_over_its_robots():
         env.step(action)
         *_, info = weighted.step(action)
     seen, inner = env.unwrapped.task.rewards.seen, env.unwrapped
-    for name in SHARED:
+    for name in SHARED_QUANTITIES:
         assert seen[name].shape == (3,)
         expected = seen[name].sum() if name == "forward_speed" else np.abs(seen[name]).sum()
         assert info["rewards"][name] == pytest.approx(0.1 * inner.control_period * expected)
@@ -152,7 +152,7 @@ def test_quantities_that_no_reward_reads_are_not_computed(monkeypatch):
     def fail(*_):
         raise AssertionError("not read")
 
-    monkeypatch.setattr(transition, "clearance", fail)
+    monkeypatch.setattr(core, "clearance", fail)
     for reward in (None, Plain, {"yaw_rate": -0.1}):
         env = gymnasium.make("lidarnaut/Explore-v0", physics="kinematic", reward=reward)
         env.reset(seed=0)
@@ -194,7 +194,7 @@ def test_a_wrong_term_is_named(case, is_vector):
     with pytest.raises(ValueError, match=message) as error:
         env.step(np.zeros(env.action_space.shape, dtype=np.float32))
     if case == "unknown quantity":
-        assert all(name in str(error.value) for name in ("progress", "people", *SHARED))
+        assert all(name in str(error.value) for name in ("progress", "people", *SHARED_QUANTITIES))
 
 
 class Typo(Rewards):

@@ -8,7 +8,7 @@ from gymnasium.envs.registration import load_env_creator
 
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.envs.navigation import CANDIDATE, Candidates
-from lidarnaut.envs.task import SHARED, Rewards
+from lidarnaut.envs.task import SHARED_QUANTITIES, Rewards
 from lidarnaut.envs.worlds import WORLD_NAMES
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -81,7 +81,7 @@ def test_the_tables_of_quantities_show_each_task_once():
 
 def test_help_lists_the_shared_quantities_and_the_fields_of_candidates():
     listed = re.findall(r"^ *- (`.+`): ", Rewards.__doc__, re.MULTILINE)
-    assert sorted(re.findall(r"`(\w+)`", " ".join(listed))) == sorted(SHARED)
+    assert sorted(re.findall(r"`(\w+)`", " ".join(listed))) == sorted(SHARED_QUANTITIES)
     fields = re.findall(r"^ *- `(\w+)`: ", Candidates.__doc__, re.MULTILINE)
     assert fields == [*CANDIDATE.names[: CANDIDATE.names.index("goal")]]
 
