@@ -12,7 +12,7 @@ from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
 from lidarnaut.agents.curves import LEARNED, SCORES, Row
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.agents.vec_env import Observations, columns_of, make_env, make_vector
-from lidarnaut.baselines.episode import decide_with, run_episode
+from lidarnaut.baselines.episode import decide_with, prepare, run_episode
 from lidarnaut.baselines.policy import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import resolve
@@ -59,6 +59,10 @@ class Evaluator:
         policies = [self.make_reference(name) for _ in range(self._episodes)]
         histories = [run_episode(self._env, policy, seed).history for seed, policy in enumerate(policies)]
         return {"policy": marked(name, policies[0], self._env)} | self.summarise(histories)
+
+    def try_reference(self, name: str) -> None:
+        """Run one step of a non-learned policy, so that its mistakes are found before longer evaluations."""
+        prepare(self._env, self.make_reference(name), seed=0, steps=1)
 
     def make_reference(self, name: str) -> Policy:
         """Return a non-learned policy by name or `module:attribute`; raise ValueError if unknown."""

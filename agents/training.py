@@ -61,7 +61,7 @@ def train(
         model = build_model(config, env)
         if checkpoint is None or source is None:
             for name in config.evaluation.references:
-                evaluator.make_reference(name)
+                evaluator.try_reference(name)
             run = held.enter_context(new_run(config, run))
         else:
             check_changes(config, "training", source, checkpoint.record.config)

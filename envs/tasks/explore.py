@@ -53,8 +53,9 @@ class Explore(UnknownWorldTask):
 
     ## Rewards
     The sum of `info["rewards"]`: `explored` (1 per m2 of cells newly mapped at their true position and observed by a
-    true scan), `time` (-0.02 per s), `collision` (-0.5 per s in contact), `completed` (10, once); with
-    `return_home=True` also `returned` (10, once). `reward` changes the weights.
+    true scan), `time` (-0.02 per s of duration), `collision` (-0.5 per s in contact), `completed` (10, once, at the
+    target coverage); also `returned` (10, once, at the start pose, with `return_home=True`). `reward` changes the
+    weights.
 
     ## Starting State
     The robot is at rest with an empty map. `start="random"` draws a collision-free pose uniformly, clear of people on

@@ -15,6 +15,7 @@ from lidarnaut.agents.algorithms import num_updates
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import read_evaluations
+from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, write_evaluations
 from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_env
@@ -217,6 +218,17 @@ def test_policies_learn(tiny_data, tmp_path):
     config = changed(tiny_data, total_steps=6144, num_envs=8, hyperparameters=faster, **seldom)
     rows = newest(train(config, run=tmp_path / "run", progress=False)).record.evaluations
     assert rows[-1]["gained_area"] > 3 * rows[0]["gained_area"] + 10
+
+
+@pytest.mark.parametrize(("name", "message"), [("guess", "frontier rule guess: .*'gain'"), ("Unread", "'speed'")])
+def test_a_wrong_reference_is_named_before_the_first_evaluation(name, message, tiny_data, tmp_path, monkeypatch):
+    monkeypatch.setattr(Evaluator, "reference", lambda *_: pytest.fail("an evaluation has begun"))
+    environment = {"world": "pimouse_arena", "control_hz": 5, "time_limit": 2}
+    references = {"episodes": 1, "references": ["nearest", f"tests.own_code:{name}"]}
+    config = changed(tiny_data, environment=environment, evaluation=references)
+    with pytest.raises((ValueError, AttributeError), match=message):
+        train(config, run=tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
 
 
 def test_world_robot_reward_and_references_can_be_a_users_own(tiny_data, tmp_path, monkeypatch):
