@@ -48,6 +48,10 @@ WALL_MARGIN = 0.02
 REAR_ANGLE = 0.35
 """The lidar sees the rear if a beam is within this angle of the backward direction [rad]."""
 STATE, STEPS = 9, 8
+NUM_STEPS, BLOCK, FAR = int(HOLD / STEP), 32, 1e9
+"""Number of collision checks per command. Lists of points are padded to multiples of BLOCK, for vector instructions,
+with points at FAR [m]."""
+FAST = {"nnan", "nsz", "reassoc", "contract"}  # infinity is used
 
 
 @njit(cache=True, error_model="numpy")
@@ -79,78 +83,142 @@ def find_walls(ranges, frame, people, points):
     return count
 
 
-@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})  # infinity is used
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def nearest(xs, ys, x, y):
+    """Return the least squared distance of points from (x, y) [m2]."""
+    least = np.float64(np.inf).view(np.int64)
+    for j in range(xs.shape[0]):
+        # Bits of positive floats are ordered like the floats, and LLVM vectorizes minima of integers only.
+        least = min(least, np.float64((xs[j] - x) ** 2 + (ys[j] - y) ** 2).view(np.int64))
+    return np.int64(least).view(np.float64)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def look_ahead(along, aside, x, y, reach, length):
+    """Return the path length of a disc until contact [m], and the least squared distance of points from its path [m2].
+
+    The disc, of radius `reach`, drives from (x, y) along the first axis; the distance is from the first `length` [m] of
+    the path. Points behind the disc are ignored. `along`, `aside`: points, shape (n,), float64 [m].
+    """
+    hit = least = np.float64(np.inf).view(np.int64)
+    for j in range(along.shape[0]):
+        ahead, squared = along[j] - x, (aside[j] - y) ** 2
+        half, beyond = math.sqrt(max(reach * reach - squared, 0.0)), max(ahead - length, 0.0)
+        until = max(ahead - half, 0.0) if (ahead > 0.0) & (half > 0.0) else np.inf
+        hit = min(hit, np.float64(until).view(np.int64))
+        least = min(least, np.float64(squared + beyond * beyond if ahead > 0.0 else np.inf).view(np.int64))
+    return np.int64(hit).view(np.float64), np.int64(least).view(np.float64)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def meet(dx, dy, vx, vy, both):
+    """Return the time until contact with a person that moves straight [s], or HORIZON, and the closeness to the person.
+
+    `dx`, `dy`, `vx`, `vy`: position and velocity of the person relative to the robot at time HOLD. `both`: sum of both
+    radii [m].
+    """
+    squared, closing, distance = vx * vx + vy * vy, -(dx * vx + dy * vy), dx * dx + dy * dy
+    if closing <= 0.0 or squared < 1e-4 or (distance - (both + NEAR_PERSON) ** 2) * squared >= closing * closing:
+        return HORIZON, 0.0  # passes at a distance, as most people do
+    time = min(closing / squared, HORIZON - HOLD)
+    gap = math.sqrt((dx + time * vx) ** 2 + (dy + time * vy) ** 2) - both
+    closeness = min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / DECAY_TIME)
+    inside = closing * closing - squared * (distance - both * both)
+    time = (closing - math.sqrt(inside)) / squared if inside > 0.0 else -1.0
+    return HOLD + time if time >= 0.0 else HORIZON, closeness
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
 def predict_outcomes(now, limits, points, people, twists, out):
-    """Predict motions by velocity commands; write the features of `Trajectories` to `out`, shape (n, 8), float32.
+    """Predict motions by velocity commands; write the features of `Trajectories` to `out`, shape (n * m, 8), float32.
 
     `now`: forward speed and yaw rate [m/s, rad/s]. `limits`: robot's maximum speeds, accelerations, footprint radius,
     and whether the lidar sees the rear. `points`: on walls, shape (2, k), base frame [m]. `people`: x, y, vx, vy,
-    radius, shape (m, 5), base frame [m, m/s]. `twists`: velocity commands / maximum speeds, shape (n, 2).
+    radius, shape (l, 5), base frame [m, m/s]. `twists`: n speeds and m yaw rates / maxima, in all combinations.
     """
     max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
-    here = np.inf
-    for j in range(points.shape[1]):
-        here = min(here, points[0, j] ** 2 + points[1, j] ** 2)
-    reach = min(radius + WALL_MARGIN, math.sqrt(here) - 0.25 * WALL_MARGIN)
-    for i in range(twists.shape[0]):
-        v, w = now
-        x = y = theta = near_wall = near_person = 0.0
-        least = np.inf
-        until_wall = until_person = HORIZON
-        for step in range(int(HOLD / STEP)):
-            v += min(max(twists[i, 0] * max_v - v, -acc_v * STEP), acc_v * STEP)
-            w += min(max(twists[i, 1] * max_w - w, -acc_w * STEP), acc_w * STEP)
-            x += v * STEP * math.cos(theta + 0.5 * w * STEP)
-            y += v * STEP * math.sin(theta + 0.5 * w * STEP)
+    speeds, turns = twists
+    num_points, path, num_near, num_met = points.shape[1], HOLD * max(abs(now[0]), max_v), 0, 0
+    reach = min(radius + WALL_MARGIN, math.sqrt(nearest(points[0], points[1], 0.0, 0.0)) - 0.25 * WALL_MARGIN)
+    # The points and the people that the robot may approach before HOLD.
+    near, met = np.full((2, num_points + BLOCK), FAR), np.empty(people.shape[0], dtype=np.int64)
+    for j in range(num_points):
+        if points[0, j] ** 2 + points[1, j] ** 2 <= (path + radius + WALL_MARGIN + NEAR_WALL) ** 2:
+            near[0, num_near], near[1, num_near] = points[0, j], points[1, j]
+            num_near += 1
+    num_near = -(-num_near // BLOCK) * BLOCK
+    for k in range(people.shape[0]):
+        far = path + HOLD * math.hypot(people[k, 2], people[k, 3]) + people[k, 4] + radius + NEAR_PERSON
+        if people[k, 0] ** 2 + people[k, 1] ** 2 <= far * far:
+            met[num_met] = k
+            num_met += 1
+    along, aside = np.empty((2, num_points + BLOCK)), np.empty(num_points + BLOCK)
+    xs, ys = np.empty((speeds.shape[0], NUM_STEPS)), np.empty((speeds.shape[0], NUM_STEPS))
+    cosines, sines, decays = np.empty(NUM_STEPS), np.empty(NUM_STEPS), np.empty(NUM_STEPS)
+    for turn in range(turns.shape[0]):
+        w, theta, low, high, count = now[1], 0.0, np.inf, -np.inf, 0
+        for step in range(NUM_STEPS):
+            w += min(max(turns[turn] * max_w - w, -acc_w * STEP), acc_w * STEP)
+            cosines[step], sines[step] = math.cos(theta + 0.5 * w * STEP), math.sin(theta + 0.5 * w * STEP)
             theta += w * STEP
-            time, squared = (step + 1) * STEP, np.inf
-            for j in range(points.shape[1]):
-                squared = min(squared, (points[0, j] - x) ** 2 + (points[1, j] - y) ** 2)
-            least = min(least, squared)
-            gap = math.sqrt(squared) - reach
-            until_wall = min(until_wall, time) if gap < 0.0 else until_wall
-            near_wall = max(near_wall, 1.0 - gap / NEAR_WALL)
+            decays[step] = math.exp(-(step + 1) * STEP / DECAY_TIME)
+        ux, uy = math.cos(theta), math.sin(theta)
+        for i in range(speeds.shape[0]):
+            v, x, y = now[0], 0.0, 0.0
+            for step in range(NUM_STEPS):
+                v += min(max(speeds[i] * max_v - v, -acc_v * STEP), acc_v * STEP)
+                x += v * STEP * cosines[step]
+                y += v * STEP * sines[step]
+                xs[i, step], ys[i, step] = x, y
+            low, high = min(low, y * ux - x * uy), max(high, y * ux - x * uy)
+        # The points beside the straight lines that follow, which are parallel.
+        low, high = low - reach - NEAR_WALL, high + reach + NEAR_WALL
+        for j in range(num_points):
+            along[0, count], aside[count] = points[0, j] * ux + points[1, j] * uy, points[1, j] * ux - points[0, j] * uy
+            count += (low <= aside[count]) & (aside[count] <= high)
+        padded = -(-count // BLOCK) * BLOCK
+        along[0, count:padded], aside[count:padded] = -FAR, FAR
+        for j in range(padded):
+            along[1, j] = -along[0, j]
+        for i in range(speeds.shape[0]):
+            near_wall = near_person = 0.0
+            least, until_wall, until_person = np.inf, HORIZON, HORIZON
+            for step in range(NUM_STEPS):
+                x, y, time = xs[i, step], ys[i, step], (step + 1) * STEP
+                squared = nearest(near[0, :num_near], near[1, :num_near], x, y)
+                least = min(least, squared)
+                until_wall = min(until_wall, time) if math.sqrt(squared) < reach else until_wall
+                for m in range(num_met):
+                    person = people[met[m]]
+                    dx, dy = person[0] + time * person[2] - x, person[1] + time * person[3] - y
+                    both = person[4] + radius
+                    squared = dx * dx + dy * dy
+                    if squared < (both + NEAR_PERSON) ** 2:
+                        gap = math.sqrt(squared) - both
+                        until_person = min(until_person, time) if gap < 0.0 else until_person
+                        near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * decays[step])
+            near_wall = max(near_wall, 1.0 - (math.sqrt(least) - reach) / NEAR_WALL)
+            v, is_back = speeds[i] * max_v, int(speeds[i] < 0.0)
+            if v < 0.0 and not sees_behind:
+                until_wall, near_wall = 0.0, 1.0
+            elif v != 0.0:
+                sign = 1.0 - 2.0 * is_back
+                place = sign * (x * ux + y * uy), y * ux - x * uy
+                hit, squared = look_ahead(along[is_back, :padded], aside[:padded], *place, reach, abs(v) * LINE_TIME)
+                until_wall = min(until_wall, HOLD + hit / abs(v))
+                near_wall = max(near_wall, 1.0 - (math.sqrt(squared) - reach) / NEAR_WALL)
             for k in range(people.shape[0]):
-                dx, dy = people[k, 0] + time * people[k, 2] - x, people[k, 1] + time * people[k, 3] - y
-                gap = math.hypot(dx, dy) - people[k, 4] - radius
-                until_person = min(until_person, time) if gap < 0.0 else until_person
-                near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-time / DECAY_TIME))
-        v = twists[i, 0] * max_v
-        if v < 0.0 and not sees_behind:
-            until_wall, near_wall = 0.0, 1.0
-        ux, uy, speed = math.cos(theta), math.sin(theta), abs(v)
-        sign = 1.0 if v >= 0.0 else -1.0
-        hit, squared = np.inf, np.inf
-        for j in range(points.shape[1]):
-            dx, dy = points[0, j] - x, points[1, j] - y
-            along = sign * (dx * ux + dy * uy)
-            aside = dx * dx + dy * dy - along * along
-            if along > 0.0:
-                if aside < reach * reach:
-                    hit = min(hit, along - math.sqrt(reach * reach - aside))
-                squared = min(squared, aside + max(along - speed * LINE_TIME, 0.0) ** 2)
-        if speed > 0.0:
-            until_wall = min(until_wall, HOLD + max(hit, 0.0) / speed)
-            near_wall = max(near_wall, 1.0 - (math.sqrt(squared) - reach) / NEAR_WALL)
-        for k in range(people.shape[0]):
-            dx, dy = people[k, 0] + HOLD * people[k, 2] - x, people[k, 1] + HOLD * people[k, 3] - y
-            vx, vy, both = people[k, 2] - v * ux, people[k, 3] - v * uy, people[k, 4] + radius
-            squared, closing = vx * vx + vy * vy, -(dx * vx + dy * vy)
-            if squared < 1e-4 or closing <= 0.0:
-                continue
-            time = min(closing / squared, HORIZON - HOLD)
-            gap = math.hypot(dx + time * vx, dy + time * vy) - both
-            near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / DECAY_TIME))
-            inside = closing * closing - squared * (dx * dx + dy * dy - both * both)
-            if inside > 0.0:
-                time = (closing - math.sqrt(inside)) / squared
-                until_person = min(until_person, HOLD + time) if time >= 0.0 else until_person
-        out[i, 0], out[i, 1] = until_wall / HORIZON, until_person / HORIZON
-        out[i, 2], out[i, 3] = min(near_wall, 1.0), near_person
-        farthest = max_v * (HOLD + 0.5 * LINE_TIME)
-        out[i, 4], out[i, 5] = (x + 0.5 * LINE_TIME * v * ux) / farthest, (y + 0.5 * LINE_TIME * v * uy) / farthest
-        out[i, 6] = theta / math.pi
-        out[i, 7] = min(max((math.sqrt(least) - radius) / SMALL_GAP, -1.0), 1.0)
+                person = people[k]
+                dx, dy = person[0] + HOLD * person[2] - x, person[1] + HOLD * person[3] - y
+                until, closeness = meet(dx, dy, person[2] - v * ux, person[3] - v * uy, person[4] + radius)
+                until_person, near_person = min(until_person, until), max(near_person, closeness)
+            row = out[i * turns.shape[0] + turn]
+            row[0], row[1] = until_wall / HORIZON, until_person / HORIZON
+            row[2], row[3] = min(near_wall, 1.0), near_person
+            farthest = max_v * (HOLD + 0.5 * LINE_TIME)
+            row[4], row[5] = (x + 0.5 * LINE_TIME * v * ux) / farthest, (y + 0.5 * LINE_TIME * v * uy) / farthest
+            row[6] = theta / math.pi
+            row[7] = min(max((math.sqrt(least) - radius) / SMALL_GAP, -1.0), 1.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -201,7 +269,7 @@ class Trajectories(RowPart):
             (lidar.mount.x, lidar.mount.y, lidar.directions),
             limits,
             tracker_numbers(lidar, SENSITIVE_TRACKER),
-            TWISTS,
+            (np.float32(SPEEDS), np.float32(TURNS)),
         )
         num_scans = num_kept_scans(SENSITIVE_TRACKER)
         self._memory = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
