@@ -269,7 +269,7 @@ class Trajectories(RowPart):
             (lidar.mount.x, lidar.mount.y, lidar.directions),
             limits,
             tracker_numbers(lidar, SENSITIVE_TRACKER),
-            (np.float32(SPEEDS), np.float32(TURNS)),
+            (np.array(SPEEDS, np.float32), np.array(TURNS, np.float32)),
         )
         num_scans = num_kept_scans(SENSITIVE_TRACKER)
         self._memory = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
