@@ -3,6 +3,7 @@
 import contextlib
 import inspect
 import math
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -163,7 +164,11 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
         with torch.no_grad():
             model.policy.get_parameter("action_net.bias")[::2] = network.speed
     if is_on_policy and model.device.type == "cpu":
-        split_batches(model.policy, config.torch_threads or num_cores())
+        alone = os.environ.get("OMP_NUM_THREADS") != "1"  # set in worker processes
+        split_batches(model.policy, config.torch_threads or (num_cores() if alone else 1))
+        model.rollout_buffer.to_torch = torch.from_numpy  # minibatches are copies already
+        if type(model.policy.optimizer) is torch.optim.Adam:
+            model.policy.optimizer.param_groups[0]["fused"] = True  # one kernel for all weights
     return model
 
 

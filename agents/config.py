@@ -199,8 +199,8 @@ class TrainingConfig(Section):
     device: Literal["cpu", "cuda", "auto"] = "cpu"
     """Device of torch; `auto` uses a GPU if available. Small networks need no GPU."""
     torch_threads: Side | None = None
-    """Number of threads that evaluate the network; null uses one per core. On-policy algorithms learn the same with any
-    number. Others use torch's own threads, one if null: more slow small networks."""
+    """Number of threads that evaluate the network; null uses one per core, or one if OMP_NUM_THREADS is 1. On-policy
+    algorithms learn the same with any number. Others use torch's own threads, one if null: more slow small networks."""
     environment: EnvironmentConfig = EnvironmentConfig()
     """Environment for training."""
     hyperparameters: dict[str, Any] = {}

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
-from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, Case, Design, Drive, open_drive
+from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, TRAININGS, Case, Design, Drive, open_drive
 
 SLAMS = ("tinyslam", "truth")
 WARM_UP = 5000
@@ -86,6 +86,16 @@ def compare_designs(
         for case, speed in speeds.items():
             where = {**case.design._asdict(), "bodies": num_bodies, "slam": slam}
             rows.append({**where, "steps_per_second": speed, "ratio": speed / naive})
+    return rows
+
+
+def trainings(calls: dict[int, Call], seconds: float, repeats: int) -> list[dict[str, Any]]:
+    """Return the steps per second of whole trainings, rollouts and updates, on one core and on two."""
+    rows = []
+    for name in TRAININGS:
+        cases = [Case(Design(name, cores=cores), 0, "") for cores in calls]
+        speeds = {case.design.cores: speed for case, speed in compare(calls, cases, seconds, repeats).items()}
+        rows.append({"training": name} | {f"steps/s, cores: {cores}": speed for cores, speed in speeds.items()})
     return rows
 
 

@@ -48,9 +48,7 @@ WALL_MARGIN = 0.02
 REAR_ANGLE = 0.35
 """The lidar sees the rear if a beam is within this angle of the backward direction [rad]."""
 STATE, STEPS = 9, 8
-NUM_STEPS, BLOCK, FAR = int(HOLD / STEP), 32, 1e9
-"""Number of collision checks per command. Lists of points are padded to multiples of BLOCK, for vector instructions,
-with points at FAR [m]."""
+NUM_STEPS = int(HOLD / STEP)
 FAST = {"nnan", "nsz", "reassoc", "contract"}  # infinity is used
 
 
@@ -94,38 +92,20 @@ def nearest(xs, ys, x, y):
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
-def look_ahead(along, aside, x, y, reach, length):
+def look_ahead(along, aside, x, y, sign, reach, length):
     """Return the path length of a disc until contact [m], and the least squared distance of points from its path [m2].
 
-    The disc, of radius `reach`, drives from (x, y) along the first axis; the distance is from the first `length` [m] of
-    the path. Points behind the disc are ignored. `along`, `aside`: points, shape (n,), float64 [m].
+    The disc, of radius `reach`, drives from (x, y) along the first axis, or against it if `sign` is -1; the distance is
+    from the first `length` [m] of the path. Points behind the disc are ignored. `along`, `aside`: points, shape (n,).
     """
     hit = least = np.float64(np.inf).view(np.int64)
     for j in range(along.shape[0]):
-        ahead, squared = along[j] - x, (aside[j] - y) ** 2
+        ahead, squared = sign * (along[j] - x), (aside[j] - y) ** 2
         half, beyond = math.sqrt(max(reach * reach - squared, 0.0)), max(ahead - length, 0.0)
         until = max(ahead - half, 0.0) if (ahead > 0.0) & (half > 0.0) else np.inf
         hit = min(hit, np.float64(until).view(np.int64))
         least = min(least, np.float64(squared + beyond * beyond if ahead > 0.0 else np.inf).view(np.int64))
     return np.int64(hit).view(np.float64), np.int64(least).view(np.float64)
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST)
-def meet(dx, dy, vx, vy, both):
-    """Return the time until contact with a person that moves straight [s], or HORIZON, and the closeness to the person.
-
-    `dx`, `dy`, `vx`, `vy`: position and velocity of the person relative to the robot at time HOLD. `both`: sum of both
-    radii [m].
-    """
-    squared, closing, distance = vx * vx + vy * vy, -(dx * vx + dy * vy), dx * dx + dy * dy
-    if closing <= 0.0 or squared < 1e-4 or (distance - (both + NEAR_PERSON) ** 2) * squared >= closing * closing:
-        return HORIZON, 0.0  # passes at a distance, as most people do
-    time = min(closing / squared, HORIZON - HOLD)
-    gap = math.sqrt((dx + time * vx) ** 2 + (dy + time * vy) ** 2) - both
-    closeness = min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / DECAY_TIME)
-    inside = closing * closing - squared * (distance - both * both)
-    time = (closing - math.sqrt(inside)) / squared if inside > 0.0 else -1.0
-    return HOLD + time if time >= 0.0 else HORIZON, closeness
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -138,21 +118,9 @@ def predict_outcomes(now, limits, points, people, twists, out):
     """
     max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
     speeds, turns = twists
-    num_points, path, num_near, num_met = points.shape[1], HOLD * max(abs(now[0]), max_v), 0, 0
+    points, num_points = points.copy(), points.shape[1]  # contiguous, for vector instructions
     reach = min(radius + WALL_MARGIN, math.sqrt(nearest(points[0], points[1], 0.0, 0.0)) - 0.25 * WALL_MARGIN)
-    # The points and the people that the robot may approach before HOLD.
-    near, met = np.full((2, num_points + BLOCK), FAR), np.empty(people.shape[0], dtype=np.int64)
-    for j in range(num_points):
-        if points[0, j] ** 2 + points[1, j] ** 2 <= (path + radius + WALL_MARGIN + NEAR_WALL) ** 2:
-            near[0, num_near], near[1, num_near] = points[0, j], points[1, j]
-            num_near += 1
-    num_near = -(-num_near // BLOCK) * BLOCK
-    for k in range(people.shape[0]):
-        far = path + HOLD * math.hypot(people[k, 2], people[k, 3]) + people[k, 4] + radius + NEAR_PERSON
-        if people[k, 0] ** 2 + people[k, 1] ** 2 <= far * far:
-            met[num_met] = k
-            num_met += 1
-    along, aside = np.empty((2, num_points + BLOCK)), np.empty(num_points + BLOCK)
+    along, aside = np.empty(num_points + 1), np.empty(num_points + 1)
     xs, ys = np.empty((speeds.shape[0], NUM_STEPS)), np.empty((speeds.shape[0], NUM_STEPS))
     cosines, sines, decays = np.empty(NUM_STEPS), np.empty(NUM_STEPS), np.empty(NUM_STEPS)
     for turn in range(turns.shape[0]):
@@ -174,22 +142,18 @@ def predict_outcomes(now, limits, points, people, twists, out):
         # The points beside the straight lines that follow, which are parallel.
         low, high = low - reach - NEAR_WALL, high + reach + NEAR_WALL
         for j in range(num_points):
-            along[0, count], aside[count] = points[0, j] * ux + points[1, j] * uy, points[1, j] * ux - points[0, j] * uy
+            along[count], aside[count] = points[0, j] * ux + points[1, j] * uy, points[1, j] * ux - points[0, j] * uy
             count += (low <= aside[count]) & (aside[count] <= high)
-        padded = -(-count // BLOCK) * BLOCK
-        along[0, count:padded], aside[count:padded] = -FAR, FAR
-        for j in range(padded):
-            along[1, j] = -along[0, j]
         for i in range(speeds.shape[0]):
             near_wall = near_person = 0.0
             least, until_wall, until_person = np.inf, HORIZON, HORIZON
             for step in range(NUM_STEPS):
                 x, y, time = xs[i, step], ys[i, step], (step + 1) * STEP
-                squared = nearest(near[0, :num_near], near[1, :num_near], x, y)
+                squared = nearest(points[0], points[1], x, y)
                 least = min(least, squared)
                 until_wall = min(until_wall, time) if math.sqrt(squared) < reach else until_wall
-                for m in range(num_met):
-                    person = people[met[m]]
+                for k in range(people.shape[0]):
+                    person = people[k]
                     dx, dy = person[0] + time * person[2] - x, person[1] + time * person[3] - y
                     both = person[4] + radius
                     squared = dx * dx + dy * dy
@@ -198,20 +162,30 @@ def predict_outcomes(now, limits, points, people, twists, out):
                         until_person = min(until_person, time) if gap < 0.0 else until_person
                         near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * decays[step])
             near_wall = max(near_wall, 1.0 - (math.sqrt(least) - reach) / NEAR_WALL)
-            v, is_back = speeds[i] * max_v, int(speeds[i] < 0.0)
+            v = speeds[i] * max_v
             if v < 0.0 and not sees_behind:
                 until_wall, near_wall = 0.0, 1.0
             elif v != 0.0:
-                sign = 1.0 - 2.0 * is_back
-                place = sign * (x * ux + y * uy), y * ux - x * uy
-                hit, squared = look_ahead(along[is_back, :padded], aside[:padded], *place, reach, abs(v) * LINE_TIME)
+                place = x * ux + y * uy, y * ux - x * uy, math.copysign(1.0, v)
+                hit, squared = look_ahead(along[:count], aside[:count], *place, reach, abs(v) * LINE_TIME)
                 until_wall = min(until_wall, HOLD + hit / abs(v))
                 near_wall = max(near_wall, 1.0 - (math.sqrt(squared) - reach) / NEAR_WALL)
             for k in range(people.shape[0]):
                 person = people[k]
                 dx, dy = person[0] + HOLD * person[2] - x, person[1] + HOLD * person[3] - y
-                until, closeness = meet(dx, dy, person[2] - v * ux, person[3] - v * uy, person[4] + radius)
-                until_person, near_person = min(until_person, until), max(near_person, closeness)
+                vx, vy, both = person[2] - v * ux, person[3] - v * uy, person[4] + radius
+                squared, closing, distance = vx * vx + vy * vy, -(dx * vx + dy * vy), dx * dx + dy * dy
+                far = both + NEAR_PERSON
+                if squared < 1e-4 or closing <= 0.0 or (distance - far * far) * squared >= closing * closing:
+                    continue  # passes at a distance, as most people do
+                time = min(closing / squared, HORIZON - HOLD)
+                gap = math.hypot(dx + time * vx, dy + time * vy) - both
+                closeness = min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / DECAY_TIME)
+                near_person = max(near_person, closeness)
+                inside = closing * closing - squared * (distance - both * both)
+                if inside > 0.0:
+                    time = (closing - math.sqrt(inside)) / squared
+                    until_person = min(until_person, HOLD + time) if time >= 0.0 else until_person
             row = out[i * turns.shape[0] + turn]
             row[0], row[1] = until_wall / HORIZON, until_person / HORIZON
             row[2], row[3] = min(near_wall, 1.0), near_person

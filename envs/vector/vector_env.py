@@ -171,14 +171,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._has_begun = False  # unless all succeed
         self._send(itertools.repeat(b"s"))
 
-    def step_wait(
-        self,
-    ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step the sub-environments of this process, wait for the others, and return the results as `step` does.
-
-        Raises:
-            gymnasium.error.NoAsyncCallError: without a call of `step_async`.
-        """
+    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Complete a step; return the results of `step`. gymnasium.error.NoAsyncCallError without `step_async`."""
         if not self._is_under_way:
             raise gymnasium.error.NoAsyncCallError("call step_async before step_wait", "step_wait")
         results = self._receive(self._shard.step)
