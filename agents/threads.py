@@ -32,6 +32,8 @@ def split_batches(policy: Any, num_threads: int) -> None:
     extractors = [module for module in policy.modules() if isinstance(module, BaseFeaturesExtractor)]
     for module in [policy.network] if hasattr(policy, "network") else extractors:
         module.forward = partial(_forward, run, module.forward)
+    weights = list(policy.parameters())
+    policy.parameters = lambda recurse=True: iter(weights)  # many modules are searched for each minibatch
     if inspect.signature(policy.evaluate_actions).parameters.keys() <= {"obs", "actions", "action_masks"}:
         policy.evaluate_actions = partial(_evaluate, run, policy)
 
