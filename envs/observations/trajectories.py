@@ -49,7 +49,7 @@ REAR_ANGLE = 0.35
 """The lidar sees the rear if a beam is within this angle of the backward direction [rad]."""
 STATE, STEPS = 9, 8
 NUM_STEPS = int(HOLD / STEP)
-FAST = {"nnan", "nsz", "reassoc", "contract"}  # infinity is used
+FAST = {"nnan", "reassoc", "contract"}  # infinity is used
 
 
 @njit(cache=True, error_model="numpy")
