@@ -14,8 +14,6 @@ from torch.autograd.function import once_differentiable
 
 MIN_ROWS, MAX_PART = 128, 512
 """Minimum number of samples of a batch that is split, and maximum number of samples of a part."""
-UNSPLIT = nn.modules.batchnorm._BatchNorm | nn.modules.dropout._DropoutNd
-"""Layers whose output depends on the whole batch, or on random numbers."""
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
@@ -25,7 +23,8 @@ def split_batches(policy: Any, num_threads: int) -> None:
     The parts are the same for any number of threads. Gradients of `evaluate_actions` are computed in parts too, and
     summed in a fixed order. Recurrent policies, whose training batches are sequences, are split in rollouts only.
     """
-    if policy.squash_output or any(isinstance(module, UNSPLIT) for module in policy.modules()):
+    whole = nn.modules.batchnorm._BatchNorm | nn.modules.dropout._DropoutNd  # the batch, or random numbers
+    if policy.squash_output or any(isinstance(module, whole) for module in policy.modules()):
         return
     # torch sets its number of threads for each thread of Python.
     run: Map = map if num_threads == 1 else ThreadPoolExecutor(num_threads, "network", torch.set_num_threads, (1,)).map

@@ -91,12 +91,9 @@ def compare_designs(
 
 def trainings(calls: dict[int, Call], seconds: float, repeats: int) -> list[dict[str, Any]]:
     """Return the steps per second of whole trainings, rollouts and updates, on one core and on two."""
-    rows = []
-    for name in TRAININGS:
-        cases = [Case(Design(name, cores=cores), 0, "") for cores in calls]
-        speeds = {case.design.cores: speed for case, speed in compare(calls, cases, seconds, repeats).items()}
-        rows.append({"training": name} | {f"steps/s, cores: {cores}": speed for cores, speed in speeds.items()})
-    return rows
+    cases = [Case(Design(name, cores=cores), 0, "") for name in TRAININGS for cores in calls]
+    speeds = compare(calls, cases, seconds, repeats)
+    return [{"training": at.design.name, "cores": at.design.cores, "steps/s": speed} for at, speed in speeds.items()]
 
 
 def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int) -> list[dict[str, Any]]:
