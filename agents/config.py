@@ -198,8 +198,9 @@ class TrainingConfig(Section):
     """Number of parallel sub-environments."""
     device: Literal["cpu", "cuda", "auto"] = "cpu"
     """Device of torch; `auto` uses a GPU if available. Small networks need no GPU."""
-    torch_threads: Side = 1
-    """Number of torch threads; more than one slows small networks."""
+    torch_threads: Side | None = None
+    """Number of threads that evaluate the network; null uses one per core, or one if OMP_NUM_THREADS is 1. On-policy
+    algorithms learn the same with any number. Others use torch's own threads, one if null: more slow small networks."""
     environment: EnvironmentConfig = EnvironmentConfig()
     """Environment for training."""
     hyperparameters: dict[str, Any] = {}
