@@ -22,7 +22,7 @@ from lidarnaut.envs.measures import EpisodeHistory, headline_of, measures_of
 def evaluation_environment(config: TrainingConfig) -> EnvironmentConfig:
     """Return the environment configuration for evaluations."""
     changes = config.evaluation.arguments
-    changes |= {"world_size": None} if "world" in changes else {}
+    changes = ({"world_size": None} if "world" in changes else {}) | changes
     changes |= {"robots": ()} if "robot" in changes else {}
     # Each episode has an environment; that many processes are too expensive.
     changes |= {"vectorization": "sync"} if config.environment.vectorization == "async" else {}

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import logging
 import multiprocessing
 import platform
 import re
@@ -19,10 +20,11 @@ from rich.table import Table
 from rich.text import Text
 from scipy import stats
 
-from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
+from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, merge, parse_config
 from lidarnaut.agents.curves import LEARNED, LEARNED_NAMES, SCORES, draw_sweep, headline_of_rows, read_evaluations
 from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool
+from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.agents.resume import check_changes
 from lidarnaut.agents.run_folder import SWEEP, CheckpointError, count_done, list_checkpoints, write_table
 from lidarnaut.agents.trust import resuming
@@ -33,6 +35,7 @@ from lidarnaut.envs.progress import Progress
 
 TABLE, PICTURE = "sweep.csv", "sweep.png"
 TIME = "processor_time"
+LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +132,7 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
         raise ValueError(f"{source}: seeds must be a list of whole numbers, got {seeds!r}")
     excluded = _read_excluded(data, axes, source)
     base = {key: value for key, value in data.items() if key not in ("sweep", "seeds", "exclude")}
-    members, measured = list[Member](), list[Any]()
+    members, measured, said = list[Member](), list[Any](), dict[str, None]()
     left = {path.parent for path in folder.glob("*/config.yaml")}
     for values in itertools.product(*axes.values()):
         chosen = dict(zip(axes, values, strict=True))
@@ -139,9 +142,11 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
         for key, value in chosen.items():
             if isinstance(named := axes[key], dict) and not isinstance(named[value], dict):
                 raise ValueError(f"{source}: sweep, {key}: {value} must hold settings, got {named[value]!r}")
-            settings = _merge(settings, named[value]) if isinstance(named, dict) else change(settings, {key: value})
+            settings = merge(settings, named[value]) if isinstance(named, dict) else change(settings, {key: value})
         for seed in seeds:
-            config = parse_config(change(settings, {"seed": seed}), source)
+            merged, text = with_recipe(change(settings, {"seed": seed}))
+            said |= {text: None} if text else {}
+            config = parse_config(merged, source)
             if isinstance(config, TrainingConfig):
                 alone = config.evaluation.model_copy(update={"references": ()})
                 episodes = config.environment, config.evaluation.model_copy(update={"every": 1})
@@ -155,6 +160,8 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
             run = numbered if numbered in alike or not alike else alike[0]
             left -= {run}
             members.append(Member(chosen, config, run, group))
+    for text in said:
+        LOGGER.info("%s", text)
     return members
 
 
@@ -171,14 +178,6 @@ def _read_excluded(data: Mapping[str, Any], axes: Mapping[str, Any], source: str
                 f"{source}: exclude must hold lists of values of the sweep, got {key}: {values}; {key} has {known}"
             )
     return rules
-
-
-def _merge(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(settings)
-    for key, value in more.items():
-        are_nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
-        merged[key] = _merge(merged[key], value) if are_nested else value
-    return merged
 
 
 def is_finished(member: Member) -> bool:

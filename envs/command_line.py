@@ -127,10 +127,10 @@ def run_command(
         sys.exit(status)
 
 
-def show_log() -> None:
-    """Print messages of the package's loggers to standard error, from level INFO on."""
+def show_log(name: str = "lidarnaut") -> None:
+    """Print messages of the package's loggers below `name` to standard error, from level INFO on."""
     logging.basicConfig(format="%(name)s: %(message)s")
-    logging.getLogger("lidarnaut").setLevel(logging.INFO)
+    logging.getLogger(name).setLevel(logging.INFO)
 
 
 def make_console() -> Console:

@@ -7,6 +7,7 @@ import time
 import pytest
 
 from lidarnaut.agents.config import TrainingConfig, change
+from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.demo import CONFIG, RIVAL, SCENES, TRAINING, demo, describe_learning, running
 from lidarnaut.envs.files import Lock, LockedError, parse_record, read_mapping
@@ -69,7 +70,7 @@ def test_scenes_run_beside_the_training(tmp_path, scenes):
 
 
 def test_the_demo_shortens_the_shipped_configuration():
-    config = parse_record(change(read_mapping(CONFIG), TRAINING), str(CONFIG), TrainingConfig)
+    config = parse_record(with_recipe(change(read_mapping(CONFIG), TRAINING))[0], str(CONFIG), TrainingConfig)
     assert RIVAL in config.evaluation.references
     assert config.total_steps % config.evaluation.every == 0
 
