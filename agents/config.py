@@ -121,17 +121,24 @@ class DecisionNetworkConfig(Section):
 
 
 class EvaluationConfig(Section):
-    """Settings of evaluations in test worlds, with the same episodes each time."""
+    """Settings of evaluations, with the same episodes each time."""
 
     every: Count = 25_000
     """Number of environment steps between evaluations."""
     episodes: Side = 20
-    """Number of episodes per evaluation; episode i has seed i."""
+    """Number of episodes per evaluation, in validation worlds and from validation seeds."""
+    test_episodes: Side | None = None
+    """Number of test episodes of the best checkpoint and of the references; episode i has seed i. null takes
+    `episodes`."""
     references: tuple[str, ...] = ("random",)
-    """Non-learned policies, by name or `module:attribute`, evaluated once in the same episodes for comparison."""
+    """Non-learned policies, by name or `module:attribute`, evaluated in the test episodes for comparison."""
     environment: dict[str, Any] = {}
     """Environment arguments that differ in evaluations, such as `world`. Such values of `observations` and
     `collision_monitor` also apply when the trained policy is used."""
+
+    @property
+    def num_tests(self) -> int:
+        return self.test_episodes or self.episodes
 
     @property
     def arguments(self) -> dict[str, Any]:
