@@ -149,21 +149,19 @@ class RunCallback(BaseCallback):
         self._references.start()
         rows = self._references.rows(wait=True)
         self._write([*rows, *self._evaluations, result])
-        told = []
         for row in (result, *rows):
-            low, high = (headline.text(end) for end in interval_of(row, headline.name))
-            told.append(f"{row['policy']} {headline.text(float(row[headline.name]))} {headline.unit} [{low}, {high}]")
-        LOGGER.info("%s in %d test episodes: %s", headline.label, result["episodes"], ", ".join(told))
+            value, low, high = map(headline.text, (float(row[headline.name]), *interval_of(row, headline.name)))
+            of = row["policy"], result["episodes"], headline.title, value, low, high
+            LOGGER.info("%s in %d test episodes: %s %s [%s, %s]", *of)
 
     def _best_step(self) -> int:
         """Return the step of the best validation whose checkpoint exists, or is due; ties go to the later; -1: none."""
-        sign = -1.0 if self._evaluator.headline.higher_is_better is False else 1.0
+        name, sign = self._evaluator.headline.name, -1 if self._evaluator.headline.higher_is_better is False else 1
         kept = {self.num_timesteps, *(int(path.name[5:]) for path in list_checkpoints(self._run))}
         rows = [row for row in self._evaluations if row.get("split") == VALIDATION and row["steps"] in kept]
-        scores = [
-            (sign * float(row.get(self._evaluator.headline.name, -sign * np.inf)), int(row["steps"])) for row in rows
+        return max(((sign * float(row.get(name, -sign * np.inf)), int(row["steps"])) for row in rows), default=(0, -1))[
+            1
         ]
-        return max(scores, default=(0.0, -1))[1]
 
     def _mark_best(self) -> None:
         path, step = self._run / "checkpoints" / BEST, self._best_step()

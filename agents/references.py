@@ -8,7 +8,6 @@ import logging
 import os
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any, Self
 
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import TEST, Row
@@ -29,31 +28,28 @@ _measured_by: list[tuple[TrainingConfig, Evaluator]] = []
 
 
 class References:
-    """Context manager that measures the reference policies of a training in its test episodes.
+    """Measurement of the reference policies of a training in its test episodes.
 
-    Results of policies, robots and worlds of the package are cached in `~/.cache/lidarnaut/references`.
+    Results of policies, robots and worlds of the package are cached in `~/.cache/lidarnaut/references`. `held` stops
+    the workers.
     """
 
-    def __init__(self, config: TrainingConfig, evaluator: Evaluator, *, progress: bool = True) -> None:
-        self._config, self._evaluator, self._progress = config, evaluator, progress
+    def __init__(
+        self, config: TrainingConfig, evaluator: Evaluator, held: contextlib.ExitStack, *, progress: bool = True
+    ) -> None:
+        self._config, self._evaluator, self._held, self._progress = config, evaluator, held, progress
         self._names = {name: evaluator.mark(name) for name in config.evaluation.references}
         self._caches = {name: _cache_file(config, name) for name in self._names}
         self._values: dict[str, Values] = {}
         self._episodes: dict[str, list[Future]] = {}
-        self._held = contextlib.ExitStack()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._held.__exit__(*error)
 
     def start(self) -> None:
         """Start the workers for the episodes that are not cached; no effect after the first call."""
         if self._values:
             return
         count = self._config.evaluation.num_tests
-        self._values = {name: _read(path, [*self._columns])[:count] for name, path in self._caches.items()}
+        columns = ["progress", *(measure.name for measure in self._evaluator.measures)]
+        self._values = {name: _read(path, columns)[:count] for name, path in self._caches.items()}
         missing = sum(count - len(values) for values in self._values.values())
         if missing:
             bar = Progress(total=missing, desc="references", unit="episode", leave=False, disable=not self._progress)
@@ -65,10 +61,6 @@ class References:
                     self._episodes[name] = [pool.submit(_measure, self._config, name, seed) for seed in seeds]
             for episode in (one for some in self._episodes.values() for one in some):
                 episode.add_done_callback(lambda _: bar.update())
-
-    @property
-    def _columns(self) -> list[str]:
-        return ["progress", *(measure.name for measure in self._evaluator.measures)]
 
     def rows(self, *, wait: bool = False) -> list[Row]:
         """Return rows of the evaluation table in the order of the configuration, at first of finished policies only."""
@@ -118,23 +110,26 @@ def _cache_file(config: TrainingConfig, name: str) -> Path | None:
     id = environment["id"].removeprefix("lidarnaut:")
     if name not in CLASSIC or not id.startswith("lidarnaut/") or named_code(environment).keys() - REGISTERED:
         return None
-    files = sorted((path, hashlib.sha256(content).hexdigest()) for path, content in collect_files(environment))
+    named = (one for one in collect_files(environment) if not one[0].endswith(".py"))
+    files = sorted((path, hashlib.sha256(content).hexdigest()) for path, content in named)
     known = [name, environment, find_spec(id).kwargs, files, _code_version()]
     try:
         key = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
     except TypeError:
         return None
+    return _cache_folder() / f"{key[:32]}.json"
+
+
+def _cache_folder() -> Path:
     home = os.environ.get("XDG_CACHE_HOME", "")
     home = home if os.path.isabs(home) else os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(home, "lidarnaut", "references", f"{key[:32]}.json")
+    return Path(home, "lidarnaut", "references")
 
 
 @functools.cache
 def _code_version() -> str:
     """Return a hash of the code and data that episodes of non-learned policies depend on."""
-    files = [
-        path for end in ("py", "yaml") for one in ("envs", "baselines") for path in (_PACKAGE / one).rglob(f"*.{end}")
-    ]
-    files += [_PACKAGE / "agents" / name for name in ("robots.py", "evaluation.py", "frontiers/tasks.py")]
-    contents = (hashlib.sha256(read_bytes(path)).hexdigest() for path in sorted(files))
-    return hashlib.sha256("".join(contents).encode()).hexdigest()
+    files = [_PACKAGE / "agents" / name for name in ("robots.py", "evaluation.py", "frontiers/tasks.py")]
+    for folder in ("envs", "baselines"):
+        files += sorted(path for path in (_PACKAGE / folder).rglob("*.*") if path.suffix in (".py", ".yaml"))
+    return hashlib.sha256(b"".join(map(read_bytes, files))).hexdigest()

@@ -1,6 +1,7 @@
 """Training of a policy by reinforcement learning."""
 
 import contextlib
+import multiprocessing
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from lidarnaut.agents.trust import named_code
 from lidarnaut.agents.vec_env import make_vec_env
 from lidarnaut.envs.files import Lock, own_folder
 from lidarnaut.envs.progress import Progress
+from lidarnaut.envs.vector.workers import UNGUARDED
 
 
 def train(
@@ -50,6 +52,8 @@ def train(
         KeyboardInterrupt: on Ctrl-C, after saving the state before the current rollout.
     """
     source = checkpoint = None
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise RuntimeError(f"a worker process imports the script that trains{UNGUARDED}")
     with contextlib.ExitStack() as held:
         if resume is not None:
             held.enter_context(Lock(own_folder(find_checkpoint(resume).parent.parent)))
@@ -61,7 +65,7 @@ def train(
         env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=is_flat)))
         config = complete(config, env)
         model = build_model(config, env)
-        references = References(config, evaluator, progress=progress)
+        references = References(config, evaluator, held, progress=progress)
         if checkpoint is None or source is None:
             run = held.enter_context(new_run(config, run))
         else:
@@ -82,10 +86,10 @@ def train(
         model.set_logger(Logger(str(run), [_TensorBoard(run, purge_step)]))
         total_steps, steps = num_updates(config) * rollout_steps(config), model.num_timesteps
         if steps < total_steps or not is_measured(run):
-            held.enter_context(references)
             bar = Progress(total=total_steps, initial=steps, unit="step", disable=not progress)
             bar.rate, saved = 0.0, steps if checkpoint else None
             keeper = RunCallback(config, run, evaluator, references, evaluations, saved, replay, bar)
+            keeper.model = model
             try:
                 with bar:
                     if steps < total_steps:

@@ -1,5 +1,8 @@
 import json
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -22,11 +25,9 @@ def reach(**changes):
 
 @pytest.fixture
 def cache(monkeypatch, tmp_path):
-    """Folder of cached references; compiled kernels keep theirs, whose module has read the variable."""
-    monkeypatch.setattr(
-        references.os, "environ", {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    )
-    return tmp_path / "cache" / "lidarnaut" / "references"
+    """Folder of cached references."""
+    monkeypatch.setattr(references, "_cache_folder", lambda: tmp_path / "cache")
+    return tmp_path / "cache"
 
 
 def rows_of(run):
@@ -93,3 +94,16 @@ def test_what_workers_cannot_import_is_measured_in_this_process(cache, tmp_path,
     monkeypatch.setattr(references, "_measure", fail)  # a local function is not picklable, either
     run = train(config, run=tmp_path / "run", progress=False)
     assert [policy for policy, *_ in rows_of(run)][:2] == ["pursuit", "random"]
+
+
+def test_a_script_without_a_guard_trains_once(tmp_path):
+    """Workers import the script; the references are then measured in the main process."""
+    config = {"experiment": "a", "recipe": None, "algorithm": "PPO", "total_steps": 16, "num_envs": 2}
+    config |= {"hyperparameters": {"n_steps": 8, "batch_size": 8}, "environment": reach().environment.model_dump()}
+    config["evaluation"] = {"episodes": 1, "references": ["tests.own_code:Circling"]}
+    (tmp_path / "script.py").write_text(f"import lidarnaut\nlidarnaut.train({config!r}, progress=False)\n")
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (run,) = (tmp_path / "runs").iterdir()
+    assert [policy for policy, *_ in rows_of(run)] == ["tests.own_code:Circling", *["learned"] * 3]
