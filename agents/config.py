@@ -265,7 +265,7 @@ def find_configuration(name: str, key: str) -> Path:
 
 
 def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested mappings with the values of `changes` in place of those of `base`.
+    """Return nested mappings: those of `base`, updated by `changes`.
 
     Mappings are merged, except `observations`, whose keys are the parts of an observation.
     """

@@ -1,4 +1,4 @@
-"""Measurement of non-learned policies in worker processes, beside a training."""
+"""Measurement of non-learned policies in worker processes during a training."""
 
 import contextlib
 import functools
@@ -74,11 +74,11 @@ class References:
     def _collect(self, name: str) -> Values:
         values = self._values[name]
         for episode in self._episodes.pop(name, ()):
-            try:
-                values.append(episode.result())
-            except Exception as error:  # such as objects of the main script, which workers cannot import
+            error = None if episode.cancel() else episode.exception()  # episodes that wait run in this process
+            if error is not None:  # such as objects of the main script, which workers cannot import
                 LOGGER.info("%s is measured in this process: %s: %s", name, type(error).__name__, error)
-                values.append(self._evaluator.reference(name, len(values)))
+            is_here = episode.cancelled() or error is not None
+            values.append(self._evaluator.reference(name, len(values)) if is_here else episode.result())
             path = self._caches[name]
             if path is not None and len(values) == self._config.evaluation.num_tests:
                 with contextlib.suppress(OSError):

@@ -119,7 +119,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
             evaluations = read_evaluations(train(config, run=work / "training"))
         draw_learning_curve({"PPO": evaluations}, f"PPO learns {task}", curve := work / "learning_curve.png")
         lesson = describe_learning(evaluations, task)
-        caption = "All policies run the same episodes, in worlds not used in training."
+        caption = "Star and lines are the same test episodes, in worlds not used in training; the curve has its own."
         learned = lesson, Figure(curve.stem, curve.read_bytes(), caption, is_wide=True)
         sections = [Section("PPO learns to reach goals among people", learned)]
         for number, scene in enumerate(scenes, start=2):

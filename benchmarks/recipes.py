@@ -20,7 +20,7 @@ from lidarnaut.benchmarks.algorithms import read_task, task_section
 from lidarnaut.benchmarks.arena.page import Cell, Section, Table, write_markdown
 from lidarnaut.envs import ENVIRONMENTS
 from lidarnaut.envs.command_line import Count, run_command
-from lidarnaut.envs.files import explain_unknown, read_json, read_mapping, write_file
+from lidarnaut.envs.files import explain_unknown, read_bytes, read_json, read_mapping, write_file
 
 TEXT = """\
 `train.py --environment.id ID` starts from the recipe of the id, a file in `configs/recipes/`.
@@ -32,8 +32,8 @@ python -m lidarnaut.benchmarks.recipes --ids ReachCrowd-v0 --jobs 2    # without
 ```
 
 Curves are means over seeds in validation episodes, with 95 % bootstrap intervals over seeds and episodes. Tables show
-the test episodes, which neither training nor the choice of a checkpoint uses: the best checkpoint of each seed, the
-last one, and classic policies. Times are processor times of the main process.
+the test episodes, unused by training and by the choice of a checkpoint: the best checkpoint of each seed, the last one,
+and classic policies. Times are processor times of the main process.
 """
 
 
@@ -54,7 +54,7 @@ def main(
         jobs: number of parallel trainings.
         out: folder of the runs. Unfinished runs go on.
         docs: output folder.
-        train: whether to train; otherwise, only write what the folder holds.
+        train: whether to train; otherwise, only write results of finished trainings.
 
     Raises:
         ValueError: if a recipe is unknown, or trainings fail.
@@ -90,7 +90,7 @@ def _results(member: Member) -> list[Row]:
 
 
 def _section(name: str, members: Sequence[Member], rows: Sequence[Row]) -> Section:
-    about = [line[2:] for line in RECIPES[name].read_text(encoding="utf-8").splitlines() if line.startswith("# ")]
+    about = [line[2:] for line in read_bytes(RECIPES[name]).decode().splitlines() if line.startswith("# ")]
     if not rows:
         return Section(name, (" ".join(about), "Not measured yet."))
     task = read_task(name, members)

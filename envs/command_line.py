@@ -115,6 +115,7 @@ def run_command(
         status: exit status after errors of `main`.
     """
     arguments = begin_command(arguments)
+    show_log("lidarnaut.agents")
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))
     try:
         read = parse_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)

@@ -57,7 +57,7 @@ def run(tmp_path_factory):
     return train(changed(), run=tmp_path_factory.mktemp("runs") / "choices", progress=False)
 
 
-def tested(run, config):
+def untrained_row(run, config):
     """Return the row of the untrained policy in the test episodes."""
     folder = find_checkpoint(f"{run}@0")
     with contextlib.closing(Evaluator(config)) as evaluator:
@@ -71,7 +71,7 @@ def test_a_run_measures_references_and_itself(run):
     assert (untrained["steps"], trained["steps"]) == (0, 64)
     assert result["steps"] == int(find_checkpoint(run, "best").name[5:])
     # The episodes are equal, and an untrained network is equal to the rule.
-    untrained = tested(run, changed())
+    untrained = untrained_row(run, changed())
     for name in ("explored_fraction", "time_to_90", "path_length", "success"):
         assert untrained[name] == pytest.approx(rule[name])
     assert rule["success"] == 1.0
@@ -87,7 +87,7 @@ def test_a_training_starts_from_a_score_which_its_checkpoints_hold(tmp_path):
     run = train(config, run=tmp_path / "run", progress=False)
     shutil.rmtree(folder)
     reference, *_ = read_evaluations(run)
-    assert tested(run, config)["time_to_90"] == reference["time_to_90"]
+    assert untrained_row(run, config)["time_to_90"] == reference["time_to_90"]
     checkpoint = find_checkpoint(run)
     np.testing.assert_array_equal(load_checkpoint(checkpoint).policy["network.score"].numpy(), NEAREST)
     env = make_env(config.environment, "test")

@@ -226,6 +226,7 @@ def test_world_robot_reward_and_references_can_be_a_users_own(tiny_data, tmp_pat
     monkeypatch.chdir(tmp_path)
     environment = {"world": "own_parts:WORLD", "robot": "own_parts:ROBOT", "reward": "own_parts:REWARD"}
     data = tiny_data | {
+        "recipe": None,
         "total_steps": 128,
         "environment": environment | {"control_hz": 5, "time_limit": 2},
         "evaluation": {"episodes": 1, "references": ["own_parts:Circling", "own_parts:ahead"]},

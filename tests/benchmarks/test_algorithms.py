@@ -10,6 +10,7 @@ from lidarnaut.envs.measures import REACH
 
 TINY = {
     "experiment": "tiny",
+    "recipe": None,
     "total_steps": 16,
     "num_envs": 2,
     "environment": {"num_workers": 0, "time_limit": 1.0, "world": "rooms", "world_size": [6, 6], "slam": "truth"},

@@ -43,7 +43,7 @@ def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkey
     (tmp_path / "demo.new").mkdir()
     (tmp_path / "demo.new" / "half").write_text("of an interrupted one")
     sentence = demo(config, folder, scenes, jobs=1)
-    assert sentence == f"{folder / 'report.html'}: ReachCrowd-v0: 3 evaluations."
+    assert sentence == f"{folder / 'report.html'}: ReachCrowd-v0: 4 evaluations."
     assert {path.name for path in tmp_path.iterdir()} == {"demo", ".lock-demo"}
     assert not (folder / "half").exists()
     assert (folder / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
