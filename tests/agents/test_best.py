@@ -2,18 +2,22 @@
 
 import json
 import logging
+import re
 import shutil
+import time
 from unittest.mock import Mock
 
 import pytest
 
-from lidarnaut.agents import callbacks
+from lidarnaut.agents import callbacks, training
+from lidarnaut.agents.callbacks import MIN_ROLLOUTS
 from lidarnaut.agents.curves import curve_of, interval_of, read_evaluations, result_of
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.run_folder import BEST, CheckpointError, find_checkpoint, is_measured, list_checkpoints
 from lidarnaut.agents.training import train
 from lidarnaut.benchmarks.arena.policies import parse_policy
+from lidarnaut.envs.progress import Progress
 from tests.agents.test_training import changed
 
 pytestmark = pytest.mark.usefixtures("no_curves")
@@ -171,3 +175,19 @@ def test_intervals_of_evaluations_have_a_width():
     assert interval_of(half, "success") == pytest.approx((0.299, 0.701), abs=1e-3)
     low, high = interval_of(half, "sct")
     assert 0.2 < low < 0.35 < 0.65 < high < 0.8
+
+
+def test_the_bar_names_its_values_and_estimates_from_training_alone(config, tmp_path, monkeypatch):
+    """Evaluations take a second each, and have no part in the rate."""
+    bars, whole, seen = [], callbacks.Evaluator.policy, []
+    monkeypatch.setattr(training, "Progress", lambda **how: bars.append(Progress(**how)) or bars[-1])
+    monkeypatch.setattr(callbacks.Evaluator, "policy", lambda *args: time.sleep(1.0) or whole(*args))
+    start = callbacks.RunCallback._on_rollout_start
+    monkeypatch.setattr(
+        callbacks.RunCallback, "_on_rollout_start", lambda self: start(self) or seen.append(bars[0].rate)
+    )
+    train(config, run=tmp_path / "run", progress=False)
+    assert seen[: MIN_ROLLOUTS + 1] == [0.0] * (MIN_ROLLOUTS + 1)
+    assert seen[-1] > 2 * 640 / 7.0
+    assert re.fullmatch(r"training explored fraction \d+ %, validation area \d+\.\d m²", bars[0].postfix)
+    assert "?" in Progress.format_meter(**{**bars[0].format_dict, "rate": 0.0})

@@ -1,6 +1,8 @@
 import logging
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import yaml
@@ -189,7 +191,8 @@ def test_mistakes_are_named_before_torch_is_imported(tmp_path):
         "import sys; from lidarnaut.train_command import main; code = main(['--config', 'a.yaml', '--seed', '1']); "
         "sys.exit(code if 'torch' not in sys.modules else 9)"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    own = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=own, capture_output=True, text=True)
     assert done.returncode == 2, done.stderr
     assert "unknown key 'total_stesp' (did you mean 'total_steps'?)" in done.stderr
     assert "recipe ReachGoal-v0: " in done.stderr

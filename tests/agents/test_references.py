@@ -49,6 +49,9 @@ def test_a_second_training_measures_nothing_and_gives_the_same(cache, tmp_path, 
     assert rows_of(second) == rows_of(first)
     assert [policy for policy, *_ in rows_of(first)][:3] == ["pursuit", "random", "learned"]
     assert checkpoints_of(second) == checkpoints_of(first)
+    for num_workers in (1, 2):
+        other = train(reach(num_workers=num_workers), run=tmp_path / f"workers_{num_workers}", progress=False)
+        assert (rows_of(other), checkpoints_of(other)) == (rows_of(first), checkpoints_of(first))
 
 
 def test_a_damaged_cache_is_ignored(cache, tmp_path):
