@@ -88,8 +88,8 @@ def _applicable(recipe: Mapping[str, Any], own: Mapping[str, Any], fixed: Mappin
     kept = copy.deepcopy(dict(recipe))
     environment, evaluated = kept["environment"], kept["evaluation"].get("environment", {})
     given = {**fixed, **(own.get("environment") or {})}
-    tested = (own.get("evaluation") or {}).get("environment") or {}
-    for section, names in ((environment, given), (evaluated, {**given, **tested})):
+    tested = (own.get("evaluation") or {}).get("environment")
+    for section, names in ((environment, given), (evaluated, [*given, *(tested or ())])):
         for name in [one for key in names for one in DEPENDENT.get(key, ())]:
             section.pop(name, None)
     for name in fixed:
@@ -99,14 +99,12 @@ def _applicable(recipe: Mapping[str, Any], own: Mapping[str, Any], fixed: Mappin
         if isinstance(value, Mapping) and isinstance(given[name], Mapping) and name != "observations":
             evaluated[name] = merge(value, given[name])
     algorithm, usual = str(own.get("algorithm", recipe["algorithm"])), recipe["algorithm"]
-    kinds = (
-        {one.__name__ for one in getattr(load_object(algorithm), "__mro__", ())} if ":" in algorithm else {algorithm}
-    )
-    if usual not in kinds and not (usual in PPO_LIKE and kinds & PPO_LIKE):
+    bases = getattr(load_object(algorithm), "__mro__", ()) if ":" in algorithm else ()
+    kinds = {algorithm, *(one.__name__ for one in bases)}
+    if not kinds & (PPO_LIKE if usual in PPO_LIKE else {usual}):
         shared = SHARED if usual in ON_POLICY and kinds & ON_POLICY else SHARED[:1]
-        kept["hyperparameters"] = {
-            key: kept["hyperparameters"][key] for key in shared if key in kept["hyperparameters"]
-        }
+        values = kept.get("hyperparameters", {}).items()
+        kept["hyperparameters"] = {key: value for key, value in values if key in shared}
         if usual in ON_POLICY and not kinds & ON_POLICY:
             kept |= {key: min(kept[key], most) for key, most in OFF_POLICY.items()}
     network, observed = kept.get("network", {}), environment.get("observations", ())

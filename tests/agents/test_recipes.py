@@ -34,6 +34,9 @@ def test_every_id_has_a_recipe_that_leaves_the_world_of_the_id(id):
     assert isinstance(config, TrainingConfig)
     assert (config.environment.id, config.recipe, config.experiment) == (id, name, name)
     assert not fixed.keys() & {*config.environment.arguments, *config.evaluation.environment}
+    if "Frontiers" not in id:
+        other = parse_config(merged(environment={"id": id}, algorithm="SAC"), id)
+        assert set(other.hyperparameters) <= {"gamma"}
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -196,3 +199,11 @@ def test_mistakes_are_named_before_torch_is_imported(tmp_path):
     assert done.returncode == 2, done.stderr
     assert "unknown key 'total_stesp' (did you mean 'total_steps'?)" in done.stderr
     assert "recipe ReachGoal-v0: " in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("section", "value"), [("environment", "x"), ("network", 3), ("evaluation", {"environment": "x"}), ("algorithm", 3)]
+)
+def test_values_of_a_wrong_type_are_named(section, value):
+    with pytest.raises(ValueError, match=section):
+        parse_config(merged(**{"environment": given(), section: value}), "a")
