@@ -61,7 +61,7 @@ def train(
     if not is_complete:
         data, text = with_recipe(data)
         data = data if config is not None else {**DEFAULTS, **data}
-        LOGGER.info("%s", text or "no recipe: the defaults of the library")
+        LOGGER.info("%s", text or "no recipe")
     parsed = parse_config(data, source)
     if isinstance(parsed, EvolutionConfig):
         from lidarnaut.agents.frontiers.evolution import evolve
