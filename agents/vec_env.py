@@ -5,7 +5,7 @@ import multiprocessing
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import chain
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -22,10 +22,10 @@ from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.ids import arguments_of, find_spec
 from lidarnaut.envs.vector import LidarVectorEnv
+from lidarnaut.envs.worlds.library import Split
 
 Observations = dict[str, np.ndarray]
 """Batch of observations: arrays by name, with sub-environments along axis 0."""
-Split = Literal["train", "test"]
 
 
 def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
@@ -34,7 +34,7 @@ def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
 
 
 def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
-    """Create an environment with training or test worlds (`split`); ValueError if the configuration is invalid."""
+    """Create an environment with the worlds of a split; ValueError if the configuration is invalid."""
     env = gymnasium.make(find_spec(config.id), **_arguments(config, split))
     try:
         lidar_env_of(env)

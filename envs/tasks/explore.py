@@ -88,7 +88,7 @@ class Explore(UnknownWorldTask):
     | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures), `"gmapping"` (one robot), `"odometry"` or `"truth"` (mapping at odometry or true poses), also with parameters (`"hector?preset=faithful"`), or your own, see `lidarnaut.envs.slam.make_slam` |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |
     | `start` | `"random"` | see Starting State |
-    | `split` | `"train"` | seeds of a procedural family: `"train"` or `"test"` |
+    | `split` | `"train"` | seeds of a procedural family: `"train"`, `"validation"` or `"test"` |
     | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` for the family's default |
     | `difficulty` | `None` | difficulty of `clutter` worlds, from 0 to 1; `None` draws it |
     | `num_worlds` | `None` | number of worlds of a procedural family, for faster resets; `None` for no limit |
