@@ -30,6 +30,9 @@ OFF_POLICY = {"num_envs": 64, "total_steps": 300_000}
 """Upper limits of settings with off-policy algorithms: these make four gradient steps per step of all
 sub-environments, and need fewer environment steps than on-policy algorithms."""
 
+NAMING = ("experiment", "seed", "environment.id")
+"""Keys that do not count as changes of a recipe."""
+
 
 def find_recipe(id: str) -> tuple[str | None, Mapping[str, Any]]:
     """Return the name of an id's recipe (None without one), and the arguments that the id sets and the recipe may not.
@@ -67,7 +70,7 @@ def with_recipe(data: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
         raise ValueError(f"recipe: unknown recipe {explain_unknown(str(name), RECIPES)}, and null for none")
     whole = read_mapping(RECIPES[name])
     kept = _applicable(whole, own, fixed)
-    flat, changed = dict(_flat(kept)), [key for key, _ in _flat(own) if key not in ("experiment", "seed")]
+    flat, changed = dict(_flat(kept)), [key for key, _ in _flat(own) if key not in NAMING]
     unused = [key for key in dict(_flat(whole)) if key not in flat and key not in changed]
     lists = {"changed by you": changed, "does not apply": unused}
     text = f"recipe {name}: {', '.join(f'{key} {value}' for key, value in flat.items() if key not in changed)}"

@@ -58,6 +58,8 @@ class Member:
     run: Path
     group: str = ""
     """Name of this run's settings, if the sweep compares named settings. Learning curves of equal name share a plot."""
+    recipe: str = ""
+    """Description of the recipe under the configuration; empty without one."""
 
     @property
     def label(self) -> str:
@@ -95,6 +97,8 @@ def run_sweep(
     if (folder / "config.yaml").exists():
         raise CheckpointError(f"{folder} holds a single run: sweep and seeds may not change")
     members, record = expand(data, source, folder), yaml.safe_dump(dict(data), sort_keys=False)
+    for text in dict.fromkeys(member.recipe for member in members if member.recipe):
+        LOGGER.info("%s", text)
     for run in sorted(path.parent for path in folder.glob("*/config.yaml")):
         if not (found := [member.config for member in members if member.run == run]):
             raise CheckpointError(f"{run} is no longer in the sweep: sweep, exclude and seeds may only add trainings")
@@ -142,7 +146,7 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
         raise ValueError(f"{source}: seeds must be a list of whole numbers, got {seeds!r}")
     excluded = _read_excluded(data, axes, source)
     base = {key: value for key, value in data.items() if key not in ("sweep", "seeds", "exclude")}
-    members, measured, said = list[Member](), list[Any](), dict[str, None]()
+    members, measured = list[Member](), list[Any]()
     left = {path.parent for path in folder.glob("*/config.yaml")}
     for values in itertools.product(*axes.values()):
         chosen = dict(zip(axes, values, strict=True))
@@ -155,7 +159,6 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
             settings = merge(settings, named[value]) if isinstance(named, dict) else change(settings, {key: value})
         for seed in seeds:
             merged, text = with_recipe(change(settings, {"seed": seed}))
-            said |= {text: None} if text else {}
             config = parse_config(merged, source)
             if isinstance(config, TrainingConfig):
                 alone = config.evaluation.model_copy(update={"references": ()})
@@ -169,9 +172,7 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
             alike = [run for run in left if run.name.partition("_")[2] == numbered.name.partition("_")[2]]
             run = numbered if numbered in alike or not alike else alike[0]
             left -= {run}
-            members.append(Member(chosen, config, run, group))
-    for text in said:
-        LOGGER.info("%s", text)
+            members.append(Member(chosen, config, run, group, text))
     return members
 
 
