@@ -140,8 +140,8 @@ def test_the_policy_of_the_package_explores_a_small_world_without_contact():
 def test_the_policy_of_the_package_was_trained_by_its_configuration():
     config = read_record(Path(__file__).parents[2] / "configs" / "twist.yaml", TrainingConfig)
     record = load_checkpoint(find_policy("pretrained/twist"), policy_only=True).record
-    # Name of the run and number of processes have no effect on the training.
-    own = {"seed": 1, "experiment": record.config.experiment}
+    # Name of the run and numbers of processes and threads have no effect on the training.
+    own = {"seed": 1, "experiment": record.config.experiment, "torch_threads": record.config.torch_threads}
     for name in ("environment", "hyperparameters", "network"):
         was, now = dict(getattr(record.config, name)), dict(getattr(config, name))
         # The run was saved with all values, and in an older form.
