@@ -38,6 +38,8 @@ class References:
         self, config: TrainingConfig, evaluator: Evaluator, held: contextlib.ExitStack, *, progress: bool = True
     ) -> None:
         self._config, self._evaluator, self._held, self._progress = config, evaluator, held, progress
+        for name in config.evaluation.references:
+            evaluator.make_reference(name)  # Unknown names are found before the first step.
         self._names = {name: evaluator.mark(name) for name in config.evaluation.references}
         self._caches = {name: _cache_file(config, name) for name in self._names}
         self._values: dict[str, Values] = {}

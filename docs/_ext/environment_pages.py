@@ -10,7 +10,7 @@ import gymnasium
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
-from lidarnaut.envs import LIDAR_ENV
+from lidarnaut.envs import ENVIRONMENTS, LIDAR_ENV
 from lidarnaut.envs.worlds import FAMILIES, free_area, load_world
 
 PICTURES = Path("images/environments")
@@ -117,7 +117,7 @@ def pages(source: Path) -> dict[str, str]:
 
 def quantities() -> str:
     """Return a table of the reward quantities of each task, with default weights."""
-    ids = {spec.kwargs["task"]: spec.id for spec in reversed(gymnasium.registry.values()) if "task" in spec.kwargs}
+    ids = {given["task"]: id for id, (_, given) in reversed(ENVIRONMENTS.items()) if "task" in given}
     rows = []
     for task in reversed(ids):
         rows += [f"\n`{ids[task]}`:\n\n| quantity | unit | default weight | meaning |\n|---|---|---|---|"]

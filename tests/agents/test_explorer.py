@@ -142,8 +142,9 @@ def test_the_policy_of_the_package_was_trained_by_its_configuration():
     merged, _ = with_recipe(read_mapping(Path(__file__).parents[2] / "configs" / "twist.yaml"))
     config = parse_record(merged, "twist.yaml", TrainingConfig)
     record = load_checkpoint(find_policy("pretrained/twist"), policy_only=True).record
-    # Name of the run and number of processes have no effect on the training.
+    # Name of the run and numbers of processes and threads have no effect on the training.
     own = {"seed": 1, "experiment": record.config.experiment, "recipe": None, "evaluation": record.config.evaluation}
+    own["torch_threads"] = record.config.torch_threads
     for name in ("environment", "hyperparameters", "network"):
         was, now = dict(getattr(record.config, name)), dict(getattr(config, name))
         # The run was saved with all values, and in an older form.
