@@ -66,6 +66,7 @@ class Command:
 def main(arguments: list[str] | None = None) -> int:
     """Read the command line, evaluate and publish; return the exit status."""
     arguments = said = begin_command(arguments)
+    show_log("lidarnaut.agents")
     messages = Console(stderr=True)
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--config")

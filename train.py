@@ -4,8 +4,9 @@ python train.py --config configs/rooms_small.yaml --seed 1 [--total-steps 100_00
 python train.py --config configs/explore_frontiers.yaml --seed 1 [--generations 40] ...
 lidarnaut-train --config explore_frontiers --seed 1     installed package with its configurations
 python train.py --resume runs/rooms_small__1__20250101-120000
-python train.py --algorithm SAC --environment.id lidarnaut/ReachCrowd-v0     defaults without a configuration
+python train.py --environment.id lidarnaut/ReachCrowd-v0 [--algorithm SAC]     the recipe of the id
 
+A configuration starts from the recipe of its environment.id, configs/recipes/ID.yaml; --recipe None: from nothing.
 Every key of the configuration is an option, with dots between nested names: --environment.world caves,
 --environment.observations scan motion, --environment.reward.time -0.1, --environment.time-limit None.
 --hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of NetworkConfig.
@@ -27,7 +28,7 @@ import yaml
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.start import train
-from lidarnaut.envs.command_line import begin_command, fail, parse_options
+from lidarnaut.envs.command_line import begin_command, fail, parse_options, show_log
 from lidarnaut.envs.files import LockedError, printable
 
 
@@ -47,10 +48,13 @@ def main(arguments: list[str] | None = None) -> int:
             with contextlib.suppress(SystemExit):
                 parse_options(kind, ["--help"], description=f"{__doc__}\n{kind.__doc__}")
         return 0
+    show_log("lidarnaut.agents")
     try:
         changes = read_changes(others)
-        if args.resume is None and args.config is None and "algorithm" not in changes:
-            raise ValueError("pass a configuration, --config FILE, or a run to resume, --resume RUN")
+        if args.resume is None and args.config is None and not {"algorithm", "environment.id"} & changes.keys():
+            raise ValueError(
+                "pass --environment.id ID, a configuration, --config FILE, or a run to resume, --resume RUN"
+            )
         options = {"trust": args.trust, "ray": args.ray, "jobs": args.jobs}
         run = train(args.config, changes, resume=args.resume, **options)
     except KeyboardInterrupt as error:

@@ -3,6 +3,7 @@
 import contextlib
 import inspect
 import math
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -34,9 +35,11 @@ from lidarnaut.agents.hyperparameters import check_hyperparameter
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
 from lidarnaut.agents.plan_prior import PlanPriorPolicy
+from lidarnaut.agents.threads import split_batches
 from lidarnaut.agents.trajectories import TrajectoryPolicy
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, JoinedVecEnv, Observations
 from lidarnaut.envs.files import SHORT, explain_unknown, load_object, parse_record
+from lidarnaut.envs.processes import num_cores
 
 _PPO = {"learning_rate": "lin_0.0007", "n_steps": 128, "batch_size": 512, "n_epochs": 4}
 _ENTROPY = {"learning_rate": 1e-3, "gamma": 0.98, "ent_coef": "auto_0.05"}
@@ -146,8 +149,9 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
     """
     if config.device == "cuda" and not torch.cuda.is_available():  # stable-baselines3 would silently use the CPU
         raise ValueError("device is 'cuda', but torch finds no GPU; allowed values are 'cpu' and 'auto'")
-    torch.set_num_threads(config.torch_threads)
     config = complete(config, env)
+    is_on_policy = issubclass(find_algorithm(config.algorithm), OnPolicyAlgorithm)
+    torch.set_num_threads(1 if is_on_policy else config.torch_threads or 1)
     try:
         model = _construct(config, env)
     except Exception as error:
@@ -159,6 +163,12 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
     if isinstance(network, GaussianNetworkConfig):
         with torch.no_grad():
             model.policy.get_parameter("action_net.bias")[::2] = network.speed
+    if is_on_policy and model.device.type == "cpu":
+        alone = os.environ.get("OMP_NUM_THREADS") != "1"  # set in worker processes
+        split_batches(model.policy, config.torch_threads or (num_cores() if alone else 1))
+        model.rollout_buffer.to_torch = torch.from_numpy  # minibatches are copies already
+        if type(model.policy.optimizer) is torch.optim.Adam:
+            model.policy.optimizer.param_groups[0]["fused"] = True  # one kernel for all weights
     return model
 
 

@@ -1,5 +1,8 @@
 """Training callback: evaluations, checkpoints and progress bar."""
 
+import json
+import logging
+import time
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +12,22 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import safe_mean
 
-from lidarnaut.agents.algorithms import rollout_steps
-from lidarnaut.agents.checkpoint import Checkpoint, save_checkpoint
+from lidarnaut.agents.algorithms import build_policy, rollout_steps
+from lidarnaut.agents.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.agents.curves import LEARNED_NAMES, Row
+from lidarnaut.agents.curves import TEST, VALIDATION, Row, interval_of
 from lidarnaut.agents.evaluation import Evaluator
+from lidarnaut.agents.references import References
 from lidarnaut.agents.replay import ReplayFiles
-from lidarnaut.agents.run_folder import list_checkpoints, write_evaluations
+from lidarnaut.agents.run_folder import BEST, find_checkpoint, list_checkpoints, write_evaluations
 from lidarnaut.agents.state import capture
-from lidarnaut.agents.trust import resuming
+from lidarnaut.agents.trust import named_code, resuming
+from lidarnaut.envs.files import write_file
 from lidarnaut.envs.progress import Progress
+
+LOGGER = logging.getLogger(__name__)
+MIN_ROLLOUTS = 3
+"""Number of rollouts before the first estimate of the remaining time."""
 
 
 class RunCallback(BaseCallback):
@@ -31,6 +40,7 @@ class RunCallback(BaseCallback):
         config: TrainingConfig,
         run: Path,
         evaluator: Evaluator,
+        references: References,
         evaluations: list[Row],
         saved_steps: int | None,
         replay: ReplayFiles | None,
@@ -38,6 +48,10 @@ class RunCallback(BaseCallback):
     ) -> None:
         super().__init__()
         self._config, self._run, self._evaluator, self._replay, self._bar = config, run, evaluator, replay, bar
+        self._references = references
+        self._num_rollouts, self._began, self._timed = -1, (0, 0.0), np.zeros(2)
+        """Finished rollouts with their updates; steps and time [s] at the start of the current one; steps and time [s]
+        of all but the first, which compiles kernels."""
         self._evaluations, self._saved_steps = evaluations, saved_steps
         self._rollout_steps = rollout_steps(config)
         self._has_news = False
@@ -69,18 +83,33 @@ class RunCallback(BaseCallback):
         if self._saved_steps is None:
             self._latest = self._capture()
             self.save()  # detects an unwritable folder early
+        self._mark_best()
 
     def _on_rollout_start(self) -> None:
+        self._estimate_rate()
         every = self._config.evaluation.every
-        past = [int(row["steps"]) for row in self._evaluations if row["policy"] in LEARNED_NAMES]
-        if not past or self.num_timesteps // every > past[-1] // every:
+        past = [int(row["steps"]) for row in self._evaluations]
+        is_due = not past or self.num_timesteps // every > past[-1] // every
+        if is_due:
             self._evaluate()
         if not isinstance(self.model, OffPolicyAlgorithm):
             self._latest = self._capture()
         # After one more rollout, the last checkpoint would be older than `checkpoints.every`.
         assert self._saved_steps is not None
-        if self.num_timesteps + self._rollout_steps - self._saved_steps > self._config.checkpoints.every:
+        is_late = self.num_timesteps + self._rollout_steps - self._saved_steps > self._config.checkpoints.every
+        if is_late or (is_due and self._best_step() == self.num_timesteps):
             self.save()
+        if is_due:
+            self._mark_best()
+        self._references.start()  # after kernels are compiled, which every worker would do as well
+        self._began = self.num_timesteps, time.monotonic()
+
+    def _estimate_rate(self) -> None:
+        self._num_rollouts += 1
+        if self._num_rollouts > 1:
+            self._timed += self.num_timesteps - self._began[0], time.monotonic() - self._began[1]
+        if self._num_rollouts > MIN_ROLLOUTS:
+            self._bar.rate = float(self._timed[0] / self._timed[1])
 
     def _on_step(self) -> bool:
         rewards = self.locals["rewards"]
@@ -90,12 +119,12 @@ class RunCallback(BaseCallback):
         self._bar.update(self._config.num_envs)
         if self.locals["dones"].any():
             self._has_news = True
-            headline, progress, last = self._evaluator.headline, self._evaluator.progress, self._evaluations[-1]
-            recent = [episode[progress] for episode in self.model.ep_info_buffer or () if progress in episode]
-            shown = {f"training {progress}": f"{safe_mean(recent):.0%}"} if recent else {}
+            headline, (entry, label), last = self._evaluator.headline, self._evaluator.shown, self._evaluations[-1]
+            recent = [episode[entry] for episode in self.model.ep_info_buffer or () if entry in episode]
+            shown = [f"training {label} {100.0 * safe_mean(recent):.0f} %"] if recent else []
             if headline.name in last:
-                shown[f"evaluation {headline.label}"] = f"{headline.text(float(last[headline.name]))} {headline.unit}"
-            self._bar.set_postfix(shown, refresh=False)
+                shown.append(f"validation {headline.label} {headline.text(float(last[headline.name]))} {headline.unit}")
+            self._bar.set_postfix_str(", ".join(shown), refresh=False)
         return True
 
     def _on_rollout_end(self) -> None:
@@ -109,23 +138,50 @@ class RunCallback(BaseCallback):
         self._evaluate()
         self._latest = self._capture()
         self.save()
+        self._mark_best()
+
+    def finish(self) -> None:
+        """Measure the best checkpoint in the test episodes, and wait for the references."""
+        folder, headline = find_checkpoint(self._run, "best"), self._evaluator.headline
+        trust = named_code(self._config.model_dump())
+        policy = build_policy(load_checkpoint(folder, policy_only=True, trust=trust), folder)
+        result = {"steps": int(folder.name[5:]), **self._evaluator.policy(policy, TEST)}
+        self._references.start()
+        rows = self._references.rows(wait=True)
+        self._write([*rows, *self._evaluations, result])
+        for row in (result, *rows):
+            value, low, high = map(headline.text, (float(row[headline.name]), *interval_of(row, headline.name)))
+            of = row["policy"], result["episodes"], headline.title, value, low, high
+            LOGGER.info("%s in %d test episodes: %s %s [%s, %s]", *of)
+
+    def _best_step(self) -> int:
+        """Return the step of the best validation whose checkpoint exists, or is due; ties go to the later; -1: none."""
+        name, sign = self._evaluator.headline.name, -1 if self._evaluator.headline.higher_is_better is False else 1
+        kept = {self.num_timesteps, *(int(path.name[5:]) for path in list_checkpoints(self._run))}
+        rows = [row for row in self._evaluations if row.get("split") == VALIDATION and row["steps"] in kept]
+        return max(((sign * float(row.get(name, -sign * np.inf)), int(row["steps"])) for row in rows), default=(0, -1))[
+            1
+        ]
+
+    def _mark_best(self) -> None:
+        path, step = self._run / "checkpoints" / BEST, self._best_step()
+        if step < 0:
+            path.unlink(missing_ok=True)
+        else:
+            write_file(path, json.dumps({"step": step, "by": self._evaluator.headline.name}))
 
     def _evaluate(self) -> None:
-        if not self._evaluations:
-            for name in self._config.evaluation.references:
-                self._append(self._evaluator.reference(name))
-        row = self._append(self._evaluator.policy(self.model.policy))
+        row: Row = {"steps": self.num_timesteps, **self._evaluator.policy(self.model.policy)}
+        self._evaluations.append(row)
         scalars = {f"evaluation/{name}": value for name, value in row.items() if isinstance(value, float)}
         # Not `logger.record`: recorded values are written only with the next rollout.
         for output in self.logger.output_formats:
             output.write(scalars, dict.fromkeys(scalars, ()), self.num_timesteps)
-        title = f"{self._config.experiment}, {self._config.algorithm}, seed {self._config.seed}"
-        write_evaluations(self._run, self._evaluations, title)
+        self._write([*self._references.rows(), *self._evaluations])
 
-    def _append(self, summary: Row) -> Row:
-        row: Row = {"policy": summary["policy"], "steps": self.num_timesteps, **summary}
-        self._evaluations.append(row)
-        return row
+    def _write(self, rows: list[Row]) -> None:
+        title = f"{self._config.experiment}, {self._config.algorithm}, seed {self._config.seed}"
+        write_evaluations(self._run, rows, title)
 
     def _capture(self) -> Checkpoint:
         latest = capture(self.model, self._config, self._evaluations, self._evaluator.control_hz)

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import Row, check_rows
-from lidarnaut.agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
+from lidarnaut.agents.run_folder import RECORD_FILE, CheckpointError, find_best, list_checkpoints
 from lidarnaut.agents.trust import check_names, resuming
 from lidarnaut.envs.files import MAX_JSON_BYTES, explain_errors, printable, read_bytes, write_folder
 
@@ -119,7 +119,7 @@ class Checkpoint:
 
 
 def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
-    """Write a checkpoint to a run folder, and delete all but the newest `keep` checkpoints.
+    """Write a checkpoint to a run folder, and delete all but the newest `keep` checkpoints and the best one.
 
     Raises:
         CheckpointError: if writing fails.
@@ -140,8 +140,10 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
             again = resuming(run, record.config.model_dump())
             message += f" The newest complete checkpoint is {older[-1]}; resume with {again}"
         raise CheckpointError(message) from error
+    best = find_best(run)
     for old in list_checkpoints(run)[:-keep]:
-        shutil.rmtree(old)
+        if old != best:
+            shutil.rmtree(old)
     return folder
 
 

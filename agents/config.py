@@ -121,17 +121,24 @@ class DecisionNetworkConfig(Section):
 
 
 class EvaluationConfig(Section):
-    """Settings of evaluations in test worlds, with the same episodes each time."""
+    """Settings of evaluations, with the same episodes each time."""
 
     every: Count = 25_000
     """Number of environment steps between evaluations."""
     episodes: Side = 20
-    """Number of episodes per evaluation; episode i has seed i."""
+    """Number of episodes per evaluation, in validation worlds and from validation seeds."""
+    test_episodes: Side | None = None
+    """Number of test episodes of the best checkpoint and of the references; episode i has seed i. null takes
+    `episodes`."""
     references: tuple[str, ...] = ("random",)
-    """Non-learned policies, by name or `module:attribute`, evaluated once in the same episodes for comparison."""
+    """Non-learned policies, by name or `module:attribute`, evaluated in the test episodes for comparison."""
     environment: dict[str, Any] = {}
     """Environment arguments that differ in evaluations, such as `world`. Such values of `observations` and
     `collision_monitor` also apply when the trained policy is used."""
+
+    @property
+    def num_tests(self) -> int:
+        return self.test_episodes or self.episodes
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -192,14 +199,18 @@ class TrainingConfig(Section):
     """Total number of environment steps over all sub-environments, rounded up to whole updates."""
     algorithm: str
     """Algorithm class: name in stable-baselines3 or sb3-contrib, or `module:attribute` of a derived class."""
+    recipe: str | None = None
+    """Recipe that the configuration was merged with. In a configuration: name of a recipe, by default that of
+    `environment.id`; null for none."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
     """Seed of all random generators."""
     num_envs: Side = 16
     """Number of parallel sub-environments."""
     device: Literal["cpu", "cuda", "auto"] = "cpu"
     """Device of torch; `auto` uses a GPU if available. Small networks need no GPU."""
-    torch_threads: Side = 1
-    """Number of torch threads; more than one slows small networks."""
+    torch_threads: Side | None = None
+    """Number of threads that evaluate the network; null uses one per core, or one if OMP_NUM_THREADS is 1. On-policy
+    algorithms learn the same with any number. Others use torch's own threads, one if null: more slow small networks."""
     environment: EnvironmentConfig = EnvironmentConfig()
     """Environment for training."""
     hyperparameters: dict[str, Any] = {}
@@ -247,8 +258,23 @@ def find_configuration(name: str, key: str) -> Path:
         return Path(name)
     known = {path.stem: path for path in sorted(CONFIGURATIONS.rglob("*.yaml")) if key in read_mapping(path)}
     if name not in known:
-        raise ValueError(f"unknown configuration {explain_unknown(name, known)}, and paths of YAML files")
+        recipes = ", ".join(path.stem for path in sorted((CONFIGURATIONS / "recipes").glob("*.yaml")))
+        further = f"; recipes need no file: --environment.id lidarnaut/ID, with ID of {recipes}"
+        further = further if key == "experiment" else ""
+        raise ValueError(f"unknown configuration {explain_unknown(name, known)}, and paths of YAML files{further}")
     return known[name]
+
+
+def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested mappings: those of `base`, updated by `changes`.
+
+    Mappings are merged, except `observations`, whose keys are the parts of an observation.
+    """
+    merged = dict(base)
+    for key, value in changes.items():
+        are_nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping) and key != "observations"
+        merged[key] = merge(merged[key], value) if are_nested else value
+    return merged
 
 
 def change(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,12 +5,13 @@ import io
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tyro
 
 from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.statistics import score, success_rate
 from lidarnaut.baselines.policy import GROUND_TRUTH
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.files import MAX_JSON_BYTES, printable, read_bytes, read_record, write_file
@@ -22,11 +23,14 @@ LEARNED_NAMES = LEARNED, LEARNED + GROUND_TRUTH
 """Possible names of the trained policy in the evaluation table; the second marks observations with ground truth."""
 SCORES = "scores"
 """Column with the headline (main) measure of each episode, as numbers separated by spaces."""
+VALIDATION: Literal["validation"] = "validation"
+TEST: Literal["test"] = "test"
+"""Value of the column `split` for the result of the best checkpoint, which validation episodes have chosen."""
 
 
 def read_evaluations(run: str | Path) -> list[Row]:
     """Read the evaluation table of a run folder; raise ValueError if empty or damaged."""
-    kinds: dict[str, type] = {"policy": str, SCORES: str, "steps": int}
+    kinds: dict[str, type] = {"policy": str, "split": str, SCORES: str, "steps": int}
     path = Path(run) / "evaluations.csv"
     try:
         rows = csv.DictReader(io.StringIO(read_bytes(path, MAX_JSON_BYTES).decode(), newline=""))
@@ -50,6 +54,30 @@ def check_rows(rows: Sequence[Row]) -> None:
         raise ValueError(f"evaluations have a damaged row: {type(error).__name__}: {error}") from error
 
 
+def curve_of(rows: Sequence[Row]) -> list[Row]:
+    """Return the evaluations of the trained policy during its training."""
+    return [row for row in rows if row["policy"] in LEARNED_NAMES and row.get("split") != TEST]
+
+
+def result_of(rows: Sequence[Row]) -> Row | None:
+    """Return the result of a training on the test episodes; in runs of earlier versions, the last evaluation."""
+    learned = [row for row in rows if row["policy"] in LEARNED_NAMES]
+    return learned[-1] if learned and learned[-1].get("split", TEST) == TEST else None
+
+
+def scores_of(row: Row) -> np.ndarray:
+    """Return the headline (main) measure of each episode of an evaluation, shape (episodes,), float64."""
+    return np.array(str(row[SCORES]).split(), dtype=np.float64)
+
+
+def interval_of(row: Row, measure: str) -> tuple[float, float]:
+    """Return the 95 % interval of the success rate (Wilson) or of the headline measure (bootstrap) of an evaluation."""
+    scores = scores_of(row)
+    if measure == "success":
+        return success_rate([np.arange(len(scores)) < round(float(row[measure]) * len(scores))])[1:3]
+    return score(scores[None], is_widened=True)[1:3]
+
+
 def headline_of_rows(rows: Sequence[Row]) -> str:
     """Return the name of the headline (main) measure in an evaluation table, recognized by its quartile column."""
     return next((name.removesuffix("_q25") for name in rows[0] if name.endswith("_q25")), "*_q25")
@@ -60,8 +88,9 @@ def draw_learning_curve(
 ) -> None:
     """Plot success rate or task progress, and the headline (main) measure, over training steps.
 
-    Curves are means over the episodes of an evaluation, with 95 % confidence bands except for progress; horizontal
-    lines are reference policies. `runs`: rows of `evaluations.csv` by run label. `axis`: label of the x-axis.
+    Curves are means over the episodes of an evaluation, with 95 % intervals except for progress. A star is the result
+    of the best checkpoint in the test episodes, horizontal lines are reference policies. `runs`: rows of
+    `evaluations.csv` by run label. `axis`: label of the x-axis.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import EngFormatter, MaxNLocator
@@ -72,14 +101,16 @@ def draw_learning_curve(
     headline, share = headline_of_rows(first), "success" if "spl" in first[0] else "progress"
     for axes, measure in zip(figure.subplots(1, 2), (share, headline), strict=True):
         for number, (name, run) in enumerate(runs.items()):
-            learned = [row for row in run if row["policy"] in LEARNED_NAMES]
+            learned, result = curve_of(run), result_of(run)
             steps = [int(row["steps"]) for row in learned]
             means = np.array([float(row[measure]) for row in learned])
             axes.plot(steps, means, color=f"C{number}", marker=".", label=_plain(name))
             if measure != "progress":
-                errors = np.array([_error_of_mean(row, measure) for row in learned])
-                low, high = means - 1.96 * errors, means + 1.96 * errors
+                low, high = np.array([interval_of(row, measure) for row in learned]).T
                 axes.fill_between(steps, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
+            if result is not None and result.get("split") == TEST:
+                label = f"{_plain(name)}, best checkpoint in test episodes"
+                axes.plot(int(result["steps"]), float(result[measure]), f"C{number}*", markersize=13, label=label)
         references = [row for row in first if row["policy"] not in LEARNED_NAMES]
         for row, style in zip(references, itertools.cycle(("--", ":", "-.", "-"))):
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=_plain(row["policy"]))
@@ -103,13 +134,6 @@ def _save(figure: Any, path: Path) -> None:
     picture = io.BytesIO()
     figure.savefig(picture)
     write_file(path, picture.getvalue())
-
-
-def _error_of_mean(row: Row, measure: str) -> float:
-    scores = np.array(str(row[SCORES]).split(), dtype=np.float64)
-    share = float(row["success"])
-    spread = np.sqrt(share * (1.0 - share)) if measure == "success" else scores.std()
-    return float(spread / np.sqrt(len(scores)))
 
 
 def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:

@@ -1,7 +1,8 @@
 """Evaluation of policies on test worlds during training."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from gymnasium.vector import VectorEnv
@@ -9,79 +10,106 @@ from stable_baselines3.common.policies import BasePolicy
 
 from lidarnaut.agents.algorithms import Actor
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
-from lidarnaut.agents.curves import LEARNED, SCORES, Row
+from lidarnaut.agents.curves import LEARNED, SCORES, TEST, VALIDATION, Row
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.agents.vec_env import Observations, columns_of, make_env, make_vector
-from lidarnaut.baselines.episode import decide_with, run_episode
+from lidarnaut.baselines.episode import decide_with, prepare, run_episode
 from lidarnaut.baselines.policy import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.measures import EpisodeHistory, headline_of, measures_of
+from lidarnaut.envs.worlds.library import Split
 
 
 def evaluation_environment(config: TrainingConfig) -> EnvironmentConfig:
     """Return the environment configuration for evaluations."""
     changes = config.evaluation.arguments
-    changes |= {"world_size": None} if "world" in changes else {}
+    changes = ({"world_size": None} if "world" in changes else {}) | changes
     changes |= {"robots": ()} if "robot" in changes else {}
     # Each episode has an environment; that many processes are too expensive.
     changes |= {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
     return config.environment.model_copy(update=changes)
 
 
+FIRST_SEED = {VALIDATION: 1_000_000, TEST: 0}
+"""Seed of the first episode of each split. More than 100,000 episodes are not allowed."""
+
+
 class Evaluator:
-    """Evaluates policies in the same test episodes, and summarises the results."""
+    """Evaluates policies in the same validation or test episodes, and summarises the results."""
 
     def __init__(self, config: TrainingConfig) -> None:
-        self._episodes = config.evaluation.episodes
-        environment = evaluation_environment(config)
-        self._env = make_env(environment, "test")
+        self._episodes = {VALIDATION: config.evaluation.episodes, TEST: config.evaluation.num_tests}
+        self._environment = evaluation_environment(config)
+        self._env = make_env(self._environment, TEST)
+        self._makers: Mapping[str, Callable[[], Any]] | None = None
         inner = lidar_env_of(self._env)
         self.headline = headline_of(inner.task.measures)
         others = (one for one in measures_of(inner.task.measures) if one is not self.headline)
         self.measures = (self.headline, *others)
         self.progress: str = inner.task.progress
+        has_goal = any(one.name == "spl" for one in self.measures)
+        self.shown = ("is_success", "success") if has_goal else (self.progress, self.progress.replace("_", " "))
+        """Entry of `info` that the progress bar shows, and its label."""
         self.control_hz = 1.0 / inner.control_period
         self._max_speed: float = inner.robot.max_v
-        self._vector = make_vector(environment, "test", self._episodes)
+        self._vectors: dict[str, VectorEnv] = {}
 
     def close(self) -> None:
         self._env.close()
-        self._vector.close()
+        for vector in self._vectors.values():
+            vector.close()
 
-    def policy(self, policy: BasePolicy) -> Row:
+    def policy(self, policy: BasePolicy, split: Split = VALIDATION) -> Row:
         """Evaluate a policy with its most likely actions; return a row of the evaluation table."""
-        histories = run_episodes(self._vector, Actor(policy), self._max_speed)
-        return {"policy": marked(LEARNED, None, self._env)} | self.summarise(histories)
+        if split not in self._vectors:
+            self._vectors[split] = make_vector(self._environment, split, self._episodes[split])
+        histories = run_episodes(self._vectors[split], Actor(policy), self._max_speed, FIRST_SEED[split])
+        return self.summarise(marked(LEARNED, None, self._env), split, list(map(self.measure, histories)))
 
-    def reference(self, name: str) -> Row:
-        """Evaluate a non-learned policy, given by name; return a row of the evaluation table."""
-        policies = [self.make_reference(name) for _ in range(self._episodes)]
-        histories = [run_episode(self._env, policy, seed).history for seed, policy in enumerate(policies)]
-        return {"policy": marked(name, policies[0], self._env)} | self.summarise(histories)
+    def reference(self, name: str, seed: int) -> dict[str, float]:
+        """Run a test episode of a non-learned policy, given by name; return the measures by name."""
+        return self.measure(run_episode(self._env, self.make_reference(name), seed).history)
 
     def make_reference(self, name: str) -> Policy:
         """Return a non-learned policy by name or `module:attribute`; raise ValueError if unknown."""
         from lidarnaut.baselines import policies_for
 
-        self._env.reset(seed=0)  # required by `policies_for`
-        policy = make_policy(resolve(name, policies_for(self._env), "policy"), self._env.action_space)
+        if self._makers is None:
+            self._env.reset(seed=0)  # required by `policies_for`
+            self._makers = policies_for(self._env)
+        policy = make_policy(resolve(name, self._makers, "policy"), self._env.action_space)
         decide_with(policy, self._env)
         return policy
 
-    def summarise(self, histories: Sequence[EpisodeHistory]) -> Row:
-        """Return a row of the evaluation table: means of task progress and performance measures over several episodes.
+    def mark(self, name: str) -> str:
+        """Run one step of a non-learned policy, which finds its mistakes, and return its name.
 
-        The row also contains quartiles and all values of the headline (main) measure. Infinite times, such as the time
-        to a coverage that is never reached, are replaced by the time limit; infinite distances by the distance at
-        maximum speed.
+        The name is marked if the policy uses ground truth.
+        """
+        prepare(self._env, policy := self.make_reference(name), seed=0, steps=1)
+        return marked(name, policy, self._env)
+
+    def measure(self, history: EpisodeHistory) -> dict[str, float]:
+        """Return task progress and performance measures of an episode by name.
+
+        Infinite times, such as the time to a coverage that is never reached, are replaced by the time limit; infinite
+        distances by the distance at maximum speed.
         """
         speeds = {"time_limit": 1.0, "distance_limit": self._max_speed}
-        columns = {"progress": [float(np.mean(history.final[self.progress])) for history in histories]}
+        values = {"progress": float(np.mean(history.final[self.progress]))}
         for measure in self.measures:
-            speed = speeds.get(measure.limit, math.inf)
-            columns[measure.name] = [min(measure.compute(one), speed * one.time_limit) for one in histories]
-        summary: Row = {"episodes": float(len(histories))}
+            limit = speeds.get(measure.limit, math.inf) * history.time_limit
+            values[measure.name] = float(min(measure.compute(history), limit))
+        return values
+
+    def summarise(self, policy: str, split: str, episodes: Sequence[Mapping[str, float]]) -> Row:
+        """Return a row of the evaluation table: means of the measures of several episodes.
+
+        The row also contains quartiles and all values of the headline (main) measure.
+        """
+        columns = {name: [one[name] for one in episodes] for name in episodes[0]}
+        summary: Row = {"policy": policy, "split": split, "episodes": float(len(episodes))}
         summary |= {name: mean for name, column in columns.items() if math.isfinite(mean := float(np.mean(column)))}
         name = self.headline.name
         summary |= {f"{name}_q{q}": float(np.quantile(columns[name], q / 100)) for q in (25, 75)}
@@ -92,13 +120,14 @@ def run_episodes(
     vector: VectorEnv[Observations, np.ndarray, np.ndarray],
     act: Callable[[Observations, np.ndarray], np.ndarray],
     max_speed: float = math.inf,
+    seed: int = 0,
 ) -> list[EpisodeHistory]:
     """Run one episode in each sub-environment; return the recorded `info` entries of each episode.
 
-    Sub-environment i has seed i. `act`: function that returns actions for observations and flags of episode starts,
-    shape (num_envs,), bool. `max_speed`: maximum speed of the robot [m/s].
+    Sub-environment i has seed `seed` + i. `act`: function that returns actions for observations and flags of episode
+    starts, shape (num_envs,), bool. `max_speed`: maximum speed of the robot [m/s].
     """
-    observations, info = vector.reset(seed=0)
+    observations, info = vector.reset(seed=seed)
     limits = vector.call("time_limit")  # type: ignore[attr-defined]
     names = [name for name, column in columns_of(info).items() if column.dtype.kind in "biuf"]
     rows, histories = [{name: np.array(info[name], dtype=np.float64) for name in names}], dict[int, EpisodeHistory]()

@@ -42,7 +42,7 @@ class LearnedPolicy:
         """Load a policy, and limit torch to one thread, which suits small networks.
 
         Args:
-            path: run folder (newest checkpoint) or checkpoint folder.
+            path: run folder (best checkpoint; `RUN@last` and `RUN@STEP` name others) or checkpoint folder.
             deterministic: take the most likely action instead of sampling.
             trust: modules, or names `module:attribute`, of your own code that the policy may import.
 
@@ -51,7 +51,7 @@ class LearnedPolicy:
             ValueError: if the policy names code that is not trusted.
         """
         torch.set_num_threads(1)
-        folder = find_checkpoint(path)
+        folder = find_checkpoint(path, "best")
         checkpoint = load_checkpoint(folder, policy_only=True, trust=trust)
         return cls(build_policy(checkpoint, folder), checkpoint.record, str(folder), deterministic=deterministic)
 

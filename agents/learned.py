@@ -23,7 +23,8 @@ POLICY = "policy"
 def find_policy(path: str | Path) -> Path:
     """Return the folder with the weights of a policy; raise CheckpointError if missing.
 
-    `path`: folder of a run, checkpoint or policy, or `pretrained/NAME`. A prefix `ppo:` or `learned:` is ignored.
+    `path`: folder of a run (its best checkpoint, or that of an ending `@best`, `@last` or `@STEP`), checkpoint or
+    policy, or `pretrained/NAME`. A prefix `ppo:` or `learned:` is ignored.
     """
     path = Path(re.sub("^(ppo|learned):", "", str(path)))
     if path.parts[:1] == ("pretrained",) and not path.exists():
@@ -34,7 +35,7 @@ def find_policy(path: str | Path) -> Path:
     for folder in (path, path / POLICY):
         if (folder / RECORD_FILE).exists():
             return folder
-    return find_checkpoint(path)
+    return find_checkpoint(path, "best")
 
 
 def load_policy(
@@ -43,7 +44,8 @@ def load_policy(
     """Load a learned policy from a folder or from the package.
 
     Args:
-        policy: folder of a run, a checkpoint or a policy, or a packaged policy such as `"pretrained/crowd"`.
+        policy: folder of a run, a checkpoint or a policy, or a packaged policy such as `"pretrained/crowd"`. A run
+            stands for its best checkpoint in the validation episodes; `RUN@last` and `RUN@STEP` name others.
         pursuit: drive by steering to a point ahead on the path; for frontier scores only
             (`lidarnaut.baselines.frontier.pursuit_explorer`).
         deterministic: return the most likely action; False samples actions as in training.

@@ -1,8 +1,8 @@
 """Packaging of a trained policy: `python -m lidarnaut.agents.package_policy RUN agents/pretrained/NAME`.
 
-RUN is a run folder of evolution or PPO (newest checkpoint, without optimizer). The new folder holds the policy,
-`config.yaml`, learning curve (`curve.png`, `curve.csv`), `held_out.yaml` if held-out worlds were excluded, and
-`checksums.sha256` for `sha256sum --check`. The handwritten model card `README.md` is kept.
+RUN is a run folder of evolution or PPO (best checkpoint, or that of `RUN@last` or `RUN@STEP`, without optimizer). The
+new folder holds the policy, `config.yaml`, learning curve (`curve.png`, `curve.csv`), `held_out.yaml` if held-out
+worlds were excluded, and `checksums.sha256` for `sha256sum --check`. The handwritten model card `README.md` is kept.
 """
 
 import hashlib
@@ -37,6 +37,7 @@ def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyr
     is_score = policy.name == POLICY
     names = sorted(path.name for path in policy.iterdir()) if is_score else [POLICY_FILE, RECORD_FILE]
     files = {name: (policy / name).read_bytes() for name in names}
+    run = run if is_score else policy.parent.parent
     files["config.yaml"] = (run / "config.yaml").read_bytes()
     files["curve.png"] = (run / "learning_curve.png").read_bytes()
     files["curve.csv"] = (run / "evaluations.csv").read_bytes()

@@ -4,6 +4,7 @@ import contextlib
 import csv
 import io
 import json
+import logging
 import platform
 import re
 import shutil
@@ -15,14 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
-from lidarnaut.agents.curves import Row, draw_learning_curve
-from lidarnaut.envs.files import Lock, dump_record, own_folder, read_bytes, write_file
+from lidarnaut.agents.curves import Row, draw_learning_curve, read_evaluations, result_of
+from lidarnaut.envs.files import Lock, dump_record, explain_unknown, own_folder, read_bytes, read_json, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 GENERATIONS = "generations.csv"
 VERSIONS = "versions.json"
 SWEEP = "sweep.yaml"
 RECORD_FILE = "checkpoint.json"
+BEST = "best.json"
+"""File in `checkpoints` that names the step of the best checkpoint by the validation episodes."""
+LOGGER = logging.getLogger(__name__)
 
 
 class CheckpointError(RuntimeError):
@@ -42,13 +46,36 @@ def count_done(path: Path) -> int:
     return max((int(name[5:]) for name in names if re.fullmatch(r"step_\d+", name)), default=0)
 
 
-def find_checkpoint(path: str | Path) -> Path:
-    """Return a checkpoint folder, or the newest one of a run folder; raise CheckpointError if missing."""
-    path = Path(path)
+def find_best(run: Path) -> Path | None:
+    """Return the best checkpoint folder of a run by the validation episodes; None if unknown."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        path = run / "checkpoints" / f"step_{int(read_json(run / 'checkpoints' / BEST)['step']):09d}"
+        return path if path.is_dir() else None
+    return None
+
+
+def find_checkpoint(path: str | Path, which: str = "last") -> Path:
+    """Return a checkpoint folder.
+
+    `path`: checkpoint folder, or run folder, also followed by `@best`, `@last` or `@STEP`. `which`: checkpoint of a run
+    folder without such an ending; without a best one, the last.
+
+    Raises:
+        CheckpointError: if there is no such checkpoint.
+    """
+    run, at, ending = str(path).rpartition("@")
+    path, which = (Path(run), ending) if at and not Path(path).exists() else (Path(path), which)
     if path.is_dir() and (re.fullmatch(r"step_\d+", path.name) or (path / RECORD_FILE).exists()):
         return path
-    if found := list_checkpoints(path):
-        return found[-1]
+    if found := {str(int(one.name[5:])): one for one in list_checkpoints(path)}:
+        best = find_best(path)
+        named = {**found, "last": [*found.values()][-1], "best": best or [*found.values()][-1]}
+        if which not in named:
+            raise CheckpointError(f"{path} has no checkpoint {explain_unknown(which, ['best', 'last', *found])}")
+        if which == "best":
+            why = "the best in the validation episodes" if best else "the last, since none is marked as the best"
+            LOGGER.info("%s: checkpoint of step %d, %s", path, int(named[which].name[5:]), why)
+        return named[which]
     what = "is neither a run folder nor a checkpoint folder" if path.is_dir() else "is not a folder"
     raise CheckpointError(f"{path} {what}; a run folder contains checkpoints/step_<number>/")
 
@@ -95,6 +122,14 @@ def discard_after(checkpoint: Path) -> Path:
             shutil.rmtree(aside, ignore_errors=True)
             newer.rename(aside)
     return run
+
+
+def is_measured(run: Path) -> bool:
+    """Return True if the evaluations of a run hold its result on the test episodes."""
+    try:
+        return result_of(read_evaluations(run)) is not None
+    except (OSError, ValueError):
+        return False
 
 
 def write_evaluations(run: Path, rows: Sequence[Row], title: str, axis: str = "environment steps") -> None:

@@ -1,5 +1,6 @@
 """Start or resume a training, an evolution or a sweep, from Python or from the command line."""
 
+import logging
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -7,11 +8,14 @@ from typing import Any
 from pydantic import BaseModel
 
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, find_configuration, parse_config
+from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.agents.run_folder import GENERATIONS, RECORD_FILE, SWEEP, VERSIONS, find_config
 from lidarnaut.agents.trust import check_names, named_code
 from lidarnaut.envs.files import read_mapping
 
 DEFAULTS = {"experiment": "plain", "total_steps": 300_000}
+"""Settings without a configuration, for ids without a recipe."""
+LOGGER = logging.getLogger(__name__)
 RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
 """Files of run and policy folders. A configuration in such a folder may only name trusted code."""
 
@@ -30,7 +34,8 @@ def train(
 
     Args:
         config: name of a packaged configuration such as `"reach_crowd"`, path of a YAML file, nested mapping, or
-            configuration object. None takes the defaults.
+            configuration object. A name, file or mapping starts from the recipe of its `environment.id`; an object
+            and the configuration of a run folder are complete. None takes only the recipe.
         changes: new values by key, with dots between the names of nested keys: `{"environment.world": "caves"}`.
         resume: folder of a run or sweep, or of a checkpoint, to resume. It replaces `config`.
         trust: modules, or names `module:attribute`, of your own code that the resumed run may import.
@@ -45,13 +50,18 @@ def train(
         KeyboardInterrupt: on Ctrl-C, after the state has been saved; the message names the run.
     """
     changes, trust = dict(changes or {}), tuple(trust)
-    data, source = _read(config, resume, changes, trust)
+    data, source, is_complete = _read(config, resume, changes, trust)
     data, resume = change(data, changes), None if resume is None else Path(resume)
     # Importing torch takes seconds, so report mistakes in the configuration first.
     if {"sweep", "seeds"} & data.keys():
         from lidarnaut.agents.sweep import run_sweep
 
+        data |= {"recipe": None} if is_complete else {}
         return run_sweep(data, source, resume=resume, ray=ray, jobs=jobs, progress=progress)
+    if not is_complete:
+        data, text = with_recipe(data)
+        data = data if config is not None else {**DEFAULTS, **data}
+        LOGGER.info("%s", text or "no recipe")
     parsed = parse_config(data, source)
     if isinstance(parsed, EvolutionConfig):
         from lidarnaut.agents.frontiers.evolution import evolve
@@ -69,13 +79,16 @@ def _mapping(config: BaseModel) -> dict[str, Any]:
     return {key: _mapping(value) if isinstance(value, BaseModel) else value for key, value in config}
 
 
-def _read(config: Any, resume: Any, changes: Mapping[str, Any], trust: tuple[str, ...]) -> tuple[dict[str, Any], str]:
-    if resume is None and config is None:
-        return dict(DEFAULTS), "the configuration"
+def _read(
+    config: Any, resume: Any, changes: Mapping[str, Any], trust: tuple[str, ...]
+) -> tuple[dict[str, Any], str, bool]:
+    """Return a configuration, its origin, and whether it is complete, so that no recipe applies."""
     if resume is None and not isinstance(config, str | Path):
-        return dict(config) if isinstance(config, Mapping) else _mapping(config), "the configuration"
+        is_complete = isinstance(config, BaseModel)
+        return _mapping(config) if is_complete else dict(config or {}), "the configuration", is_complete
     path = find_configuration(str(config), "experiment") if resume is None else find_config(resume)
     data = read_mapping(path)
-    if resume is not None or path.name == SWEEP or any((path.parent / name).exists() for name in RECORDS):
+    is_record = any((path.parent / name).exists() for name in RECORDS)
+    if resume is not None or path.name == SWEEP or is_record:
         check_names(data, str(path), [*trust, *named_code(changes)])
-    return data, str(path)
+    return data, str(path), path.name != SWEEP and (resume is not None or is_record)

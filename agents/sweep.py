@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import logging
 import multiprocessing
 import platform
 import re
@@ -17,14 +18,25 @@ import numpy as np
 import yaml
 from rich.table import Table
 from rich.text import Text
-from scipy import stats
 
-from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
-from lidarnaut.agents.curves import LEARNED, LEARNED_NAMES, SCORES, draw_sweep, headline_of_rows, read_evaluations
+from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, merge, parse_config
+from lidarnaut.agents.curves import (
+    LEARNED,
+    SCORES,
+    Row,
+    curve_of,
+    draw_sweep,
+    headline_of_rows,
+    read_evaluations,
+    result_of,
+    scores_of,
+)
 from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool
+from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.agents.resume import check_changes
-from lidarnaut.agents.run_folder import SWEEP, CheckpointError, count_done, list_checkpoints, write_table
+from lidarnaut.agents.run_folder import SWEEP, CheckpointError, count_done, is_measured, list_checkpoints, write_table
+from lidarnaut.agents.statistics import score
 from lidarnaut.agents.trust import resuming
 from lidarnaut.envs.command_line import make_console
 from lidarnaut.envs.files import naming, own_folder, printable, read_bytes, read_json, read_mapping, write_file
@@ -33,6 +45,7 @@ from lidarnaut.envs.progress import Progress
 
 TABLE, PICTURE = "sweep.csv", "sweep.png"
 TIME = "processor_time"
+LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +58,8 @@ class Member:
     run: Path
     group: str = ""
     """Name of this run's settings, if the sweep compares named settings. Learning curves of equal name share a plot."""
+    recipe: str = ""
+    """Description of the recipe under the configuration; empty without one."""
 
     @property
     def label(self) -> str:
@@ -82,6 +97,8 @@ def run_sweep(
     if (folder / "config.yaml").exists():
         raise CheckpointError(f"{folder} holds a single run: sweep and seeds may not change")
     members, record = expand(data, source, folder), yaml.safe_dump(dict(data), sort_keys=False)
+    for text in dict.fromkeys(member.recipe for member in members if member.recipe):
+        LOGGER.info("%s", text)
     for run in sorted(path.parent for path in folder.glob("*/config.yaml")):
         if not (found := [member.config for member in members if member.run == run]):
             raise CheckpointError(f"{run} is no longer in the sweep: sweep, exclude and seeds may only add trainings")
@@ -139,9 +156,10 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
         for key, value in chosen.items():
             if isinstance(named := axes[key], dict) and not isinstance(named[value], dict):
                 raise ValueError(f"{source}: sweep, {key}: {value} must hold settings, got {named[value]!r}")
-            settings = _merge(settings, named[value]) if isinstance(named, dict) else change(settings, {key: value})
+            settings = merge(settings, named[value]) if isinstance(named, dict) else change(settings, {key: value})
         for seed in seeds:
-            config = parse_config(change(settings, {"seed": seed}), source)
+            merged, text = with_recipe(change(settings, {"seed": seed}))
+            config = parse_config(merged, source)
             if isinstance(config, TrainingConfig):
                 alone = config.evaluation.model_copy(update={"references": ()})
                 episodes = config.environment, config.evaluation.model_copy(update={"every": 1})
@@ -154,7 +172,7 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
             alike = [run for run in left if run.name.partition("_")[2] == numbered.name.partition("_")[2]]
             run = numbered if numbered in alike or not alike else alike[0]
             left -= {run}
-            members.append(Member(chosen, config, run, group))
+            members.append(Member(chosen, config, run, group, text))
     return members
 
 
@@ -173,21 +191,13 @@ def _read_excluded(data: Mapping[str, Any], axes: Mapping[str, Any], source: str
     return rules
 
 
-def _merge(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(settings)
-    for key, value in more.items():
-        are_nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
-        merged[key] = _merge(merged[key], value) if are_nested else value
-    return merged
-
-
 def is_finished(member: Member) -> bool:
-    """Return True if a training run is finished."""
+    """Return True if a training run is finished, and its result measured."""
     config, run = member.config, member.run
     if isinstance(config, EvolutionConfig):
         record = run / POLICY / "policy.json"
         return record.exists() and read_json(record)["generation"] >= config.generations
-    return bool(list_checkpoints(run)) and count_done(run) >= config.total_steps
+    return bool(list_checkpoints(run)) and count_done(run) >= config.total_steps and is_measured(run)
 
 
 def try_member(member: Member, *, progress: bool = False) -> str:
@@ -252,15 +262,15 @@ def processor_time(run: Path) -> float:
 def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
     table: list[dict[str, Any]] = []
     for group, some in itertools.groupby(members, lambda member: member.group):
-        curves: dict[str, list[np.ndarray]] = {}
+        curves: dict[str, list[list[Row]]] = {}
         for member in some:
             rows = read_evaluations(member.run)
-            learned, headline = [row for row in rows if row["policy"] in LEARNED_NAMES], headline_of_rows(rows)
-            last = {name: value for name, value in learned[-1].items() if name != SCORES}
+            headline, result = headline_of_rows(rows), result_of(rows) or curve_of(rows)[-1]
+            last = {name: value for name, value in result.items() if name != SCORES}
             table.append({**member.values, "seed": member.config.seed, TIME: processor_time(member.run), **last})
             label = member.label + str(last["policy"]).removeprefix(LEARNED)
-            curves.setdefault(label, []).append(np.array([[row["steps"], row[headline]] for row in learned]))
-        intervals = {label: interval(runs) for label, runs in curves.items()}
+            curves.setdefault(label, []).append(curve_of(rows))
+        intervals = {label: np.array([_point(rows) for rows in zip(*runs)]) for label, runs in curves.items()}
         picture = folder / (f"{_slug(group)}.png" if group else PICTURE)
         with naming(picture):
             draw_sweep(intervals, headline, group or folder.name, picture)
@@ -268,24 +278,14 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
             shown = Table("trainings", "seeds", "steps", f"{headline} at the end", "95 % interval")
             for label, points in intervals.items():
                 last_steps, mean, low, high = points[-1]
-                bounds = f"[{low:.4g}, {high:.4g}]" if np.isfinite(low) else ""
-                shown.add_row(
-                    Text(printable(label)), str(len(curves[label])), f"{last_steps:,.0f}", f"{mean:.4g}", bounds
-                )
+                bounds = f"{mean:.4g}", f"[{low:.4g}, {high:.4g}]"
+                shown.add_row(Text(printable(label)), str(len(curves[label])), f"{last_steps:,.0f}", *bounds)
             make_console().print(shown)
     if table:
         write_table(folder / TABLE, table)
 
 
-def interval(runs: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the mean learning curve over seeds, with a 95 % Student's t interval.
-
-    `runs`: one array per seed, shape (n, 2): steps and measure. Returns steps, mean, lower and upper bound, shape (n,
-    4); bounds of a single run are NaN.
-    """
-    length = min(len(run) for run in runs)
-    values = np.array([run[:length, 1] for run in runs])
-    mean, margin = values.mean(axis=0), np.full(length, np.nan)
-    if len(runs) > 1:
-        margin = stats.t.ppf(0.975, len(runs) - 1) * values.std(axis=0, ddof=1) / np.sqrt(len(runs))
-    return np.stack([runs[0][:length, 0], mean, mean - margin, mean + margin], axis=1)
+def _point(rows: Sequence[Row]) -> tuple[float, ...]:
+    """Return steps, mean, and 95 % interval over seeds and episodes of one evaluation of several runs."""
+    scores = np.array([scores_of(row) for row in rows])
+    return (float(rows[0]["steps"]), *score(scores, is_widened=True)[:3])

@@ -1,6 +1,7 @@
 """Training of a policy by reinforcement learning."""
 
 import contextlib
+import multiprocessing
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,15 +14,18 @@ from lidarnaut.agents.algorithms import build_model, complete, find_algorithm, n
 from lidarnaut.agents.callbacks import RunCallback
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.curves import curve_of
 from lidarnaut.agents.evaluation import Evaluator
+from lidarnaut.agents.references import References
 from lidarnaut.agents.replay import ReplayFiles
 from lidarnaut.agents.resume import check_changes
-from lidarnaut.agents.run_folder import discard_after, find_checkpoint, new_run, prepare_folder
+from lidarnaut.agents.run_folder import discard_after, find_checkpoint, is_measured, new_run, prepare_folder
 from lidarnaut.agents.state import check_spaces, restore
 from lidarnaut.agents.trust import named_code
 from lidarnaut.agents.vec_env import make_vec_env
 from lidarnaut.envs.files import Lock, own_folder
 from lidarnaut.envs.progress import Progress
+from lidarnaut.envs.vector.workers import UNGUARDED
 
 
 def train(
@@ -48,6 +52,8 @@ def train(
         KeyboardInterrupt: on Ctrl-C, after saving the state before the current rollout.
     """
     source = checkpoint = None
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise RuntimeError(f"a worker process imports the script that trains{UNGUARDED}")
     with contextlib.ExitStack() as held:
         if resume is not None:
             held.enter_context(Lock(own_folder(find_checkpoint(resume).parent.parent)))
@@ -59,9 +65,8 @@ def train(
         env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=is_flat)))
         config = complete(config, env)
         model = build_model(config, env)
+        references = References(config, evaluator, held, progress=progress)
         if checkpoint is None or source is None:
-            for name in config.evaluation.references:
-                evaluator.make_reference(name)
             run = held.enter_context(new_run(config, run))
         else:
             check_changes(config, "training", source, checkpoint.record.config)
@@ -75,17 +80,21 @@ def train(
             replay.read(checkpoint.record.replay if checkpoint else {})
         # Checkpoints do not hold episodes: resumed trainings start new ones.
         env.seed(int(np.random.SeedSequence([config.seed, model.num_timesteps]).generate_state(1)[0] >> 1))
-        evaluations = checkpoint.record.evaluations if checkpoint else []
+        evaluations = curve_of(checkpoint.record.evaluations) if checkpoint else []
         # The first evaluation of a run precedes its first checkpoint.
         purge_step = model.num_timesteps + 1 if evaluations else None
         model.set_logger(Logger(str(run), [_TensorBoard(run, purge_step)]))
         total_steps, steps = num_updates(config) * rollout_steps(config), model.num_timesteps
-        if steps < total_steps:
-            bar = Progress(total=total_steps, initial=steps, unit="step", smoothing=0.05, disable=not progress)
-            keeper = RunCallback(config, run, evaluator, evaluations, steps if checkpoint else None, replay, bar)
+        if steps < total_steps or not is_measured(run):
+            bar = Progress(total=total_steps, initial=steps, unit="step", disable=not progress)
+            bar.rate, saved = 0.0, steps if checkpoint else None
+            keeper = RunCallback(config, run, evaluator, references, evaluations, saved, replay, bar)
+            keeper.model = model
             try:
                 with bar:
-                    model.learn(total_steps - steps, keeper, reset_num_timesteps=False)
+                    if steps < total_steps:
+                        model.learn(total_steps - steps, keeper, reset_num_timesteps=False)
+                keeper.finish()
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(keeper.save()) from None
             except ValueError as error:

@@ -38,12 +38,8 @@ class TwistChoice(Distribution):
         raise TypeError("TwistChoice has no layer of its own: the network gives logits")
 
     def proba_distribution(self, logits: Tensor) -> "TwistChoice":
-        self.logits = logits
+        self.logits, self._choice = logits, Categorical(logits=logits)
         return self
-
-    @property
-    def _choice(self) -> Categorical:
-        return Categorical(logits=self.logits)
 
     def log_prob(self, actions: Tensor) -> Tensor:
         return self._choice.log_prob(torch.cdist(actions, self._twists).argmin(dim=1))

@@ -5,13 +5,13 @@ import multiprocessing
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import chain
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import load_env_creator
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, VectorEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -22,10 +22,10 @@ from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.ids import arguments_of, find_spec
 from lidarnaut.envs.vector import LidarVectorEnv
+from lidarnaut.envs.worlds.library import Split
 
 Observations = dict[str, np.ndarray]
 """Batch of observations: arrays by name, with sub-environments along axis 0."""
-Split = Literal["train", "test"]
 
 
 def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
@@ -34,7 +34,7 @@ def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
 
 
 def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
-    """Create an environment with training or test worlds (`split`); ValueError if the configuration is invalid."""
+    """Create an environment with the worlds of a split; ValueError if the configuration is invalid."""
     env = gymnasium.make(find_spec(config.id), **_arguments(config, split))
     try:
         lidar_env_of(env)
@@ -116,7 +116,9 @@ class GymnasiumVecEnv(VecEnv):
         mode = env.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"stable-baselines3 needs autoreset_mode=AutoresetMode.SAME_STEP, got {mode}")
-        self.env, self._is_flat = env, is_flat
+        self.env: Any = env
+        self._is_flat = is_flat
+        self._is_async = isinstance(env, LidarVectorEnv | AsyncVectorEnv)
         self._observations: Observations = {}
         self.parts: spaces.Dict = env.single_observation_space  # type: ignore[assignment]
         super().__init__(env.num_envs, flat_space(self.parts) if is_flat else self.parts, env.single_action_space)
@@ -135,9 +137,12 @@ class GymnasiumVecEnv(VecEnv):
 
     def step_async(self, actions: np.ndarray) -> None:
         self._actions = actions
+        if self._is_async:
+            self.env.step_async(actions)
 
     def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        self._observations, rewards, terminated, truncated, info = self.env.step(self._actions)
+        step = self.env.step_wait() if self._is_async else self.env.step(self._actions)
+        self._observations, rewards, terminated, truncated, info = step
         self._returns += rewards
         self._lengths += 1
         dones = np.asarray(terminated) | np.asarray(truncated)
@@ -195,7 +200,7 @@ class GymnasiumVecEnv(VecEnv):
 
 
 class JoinedVecEnv(VecEnv):
-    """Combines vector environments with equal spaces into one, and steps them one after another."""
+    """Combines vector environments with equal spaces into one. Their worker processes step at the same time."""
 
     def __init__(self, envs: Sequence[GymnasiumVecEnv]) -> None:
         self._envs, self.parts = envs, envs[0].parts

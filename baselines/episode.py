@@ -230,6 +230,12 @@ def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
     return max(1, round(1.0 / (rate * lidar_env_of(env).control_period)))
 
 
+def prepare(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, steps: int = 0) -> None:
+    """Reset environment and policy, and run `steps` steps: a warm-up, or a check."""
+    observation, info = begin_episode(env, policy, seed, np.random.default_rng(seed))
+    run(env, decide_with(policy, env), observation, info, max_steps=steps)
+
+
 def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step: Watch | None = None) -> Episode:
     """Run an episode and measure the policy's performance.
 

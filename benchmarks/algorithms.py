@@ -10,18 +10,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle, groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure as Picture
 
-from lidarnaut.agents.curves import LEARNED_NAMES, SCORES, read_evaluations
+from lidarnaut.agents.curves import LEARNED_NAMES, curve_of, read_evaluations, result_of, scores_of
 from lidarnaut.agents.run_folder import SWEEP
+from lidarnaut.agents.statistics import Estimate, estimate, score
 from lidarnaut.agents.sweep import Member, expand, is_finished, processor_time
 from lidarnaut.agents.vec_env import make_env
 from lidarnaut.baselines.policy import GROUND_TRUTH
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, write_markdown
 from lidarnaut.benchmarks.arena.plots import INK, LINES, MUTED, render
-from lidarnaut.benchmarks.arena.statistics import NUM_RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
 from lidarnaut.benchmarks.arena.trace import slug
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import lidar_env_of
@@ -40,7 +41,7 @@ python train.py --config algorithms --jobs 2     # or --ray ADDRESS; --resume FO
 python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__TIME
 ```
 
-A score is the mean of the task's headline measure over the episodes of the last evaluation, in worlds of the test
+A score is the mean of the task's headline measure over the test episodes of the best checkpoint, in worlds of the test
 split; all policies run the same episodes. Values are interquartile means over seeds with 95 % bootstrap intervals over
 seeds and episodes (Agarwal et al. 2021); with fewer than four seeds, the interquartile mean is the mean. An algorithm
 is above or below another policy if the 95 % interval of the paired difference excludes 0.
@@ -60,6 +61,9 @@ class TaskResults:
     """Training steps before each evaluation of a learned policy, by algorithm: shape (num_evaluations,)."""
     scores: Scores
     """Values of the task's ranking measure by algorithm: shape (num_evaluations, seeds, episodes), float64."""
+    results: Scores
+    """Values of the task's ranking measure by algorithm, of each seed's best checkpoint in the test episodes: shape
+    (seeds, episodes), float64."""
     references: Scores
     """Values of the task's ranking measure by classic policy, including `random`, best first: shape (1, episodes),
     float64."""
@@ -77,19 +81,6 @@ class TaskResults:
         return 1.0 if self.measure.higher_is_better else -1.0
 
 
-def score(scores: np.ndarray) -> Estimate:
-    """Return an algorithm's score: the mean over episodes, then the interquartile mean over seeds, with 95 % interval.
-
-    `scores` has shape (seeds, episodes). The bootstrap resamples seeds and episodes independently.
-    """
-    rng, (num_seeds, num_episodes) = np.random.default_rng(0), scores.shape
-    seeds = rng.integers(num_seeds, size=(NUM_RESAMPLES, num_seeds))
-    episodes = rng.integers(num_episodes, size=(NUM_RESAMPLES, num_episodes))
-    means = scores[:, episodes].mean(axis=2).T
-    low, high = np.quantile(interquartile_mean(np.take_along_axis(means, seeds, axis=1)), TAILS)
-    return Estimate(float(interquartile_mean(scores.mean(axis=1))), float(low), float(high), scores.size)
-
-
 def read_tasks(file: Path) -> list[TaskResults]:
     members = expand(read_mapping(file), str(file), file.parent)
     return [read_task(name, list(some)) for name, some in groupby(members, lambda member: member.group)]
@@ -102,25 +93,22 @@ def read_task(name: str, members: Sequence[Member]) -> TaskResults:
     env.close()
     sign = -1.0 if measure.higher_is_better else 1.0
     rows = [row for run in done.values() for row in run if row["policy"] not in LEARNED_NAMES]
-    found = {str(row["policy"]): _numbers(row[SCORES])[None] for row in rows}
+    found = {str(row["policy"]): scores_of(row)[None] for row in rows}
     references = dict(sorted(found.items(), key=lambda item: sign * item[1].mean()))
-    steps, scores, times = dict[str, np.ndarray](), dict[str, np.ndarray](), dict[str, float]()
+    steps, scores, results, times = dict[str, Any](), dict[str, Any](), dict[str, Any](), dict[str, float]()
     finished = [member for member in members if member.run in done]
     for algorithm, some in groupby(finished, lambda member: str(member.config.algorithm)):
         runs = [member.run for member in some]
-        curves = [[row for row in done[run] if row["policy"] in LEARNED_NAMES] for run in runs]
+        curves = [curve_of(done[run]) for run in runs]
         steps[algorithm] = np.array([row["steps"] for row in curves[0]])
-        scores[algorithm] = np.array([[_numbers(row[SCORES]) for row in rows] for rows in zip(*curves, strict=True)])
+        scores[algorithm] = np.array([[scores_of(row) for row in rows] for rows in zip(*curves, strict=True)])
+        results[algorithm] = np.array([scores_of(result_of(done[run]) or done[run][-1]) for run in runs])
         times[algorithm] = float(np.mean([processor_time(run) for run in runs]))
-    return TaskResults(name, measure, steps, scores, references, times, len(members) - len(done))
-
-
-def _numbers(text: object) -> np.ndarray:
-    return np.array(str(text).split(), dtype=np.float64)
+    return TaskResults(name, measure, steps, scores, results, references, times, len(members) - len(done))
 
 
 def difference(task: TaskResults, algorithm: str, policy: str) -> Estimate:
-    return score(task.scores[algorithm][-1] - task.references[policy])
+    return score(task.results[algorithm] - task.references[policy])
 
 
 def task_section(task: TaskResults) -> Section:
@@ -140,7 +128,7 @@ def task_section(task: TaskResults) -> Section:
         gaps = [Cell.of(gap, measure, sign="+") for gap in others]
         seeds, steps, time = task.scores[name].shape[1], task.steps[name][-1], task.times[name]
         counts = [Cell(f"{count:,.0f}") for count in (seeds, steps, time)]
-        lines.append((Cell(name), Cell.of(score(task.scores[name][-1]), measure), *gaps, *counts))
+        lines.append((Cell(name), Cell.of(score(task.results[name]), measure), *gaps, *counts))
     for name, scores in task.references.items():
         lines.append((Cell(name), Cell.of(score(scores), measure), *[Cell("")] * 5))
     head = ("", measure.title, "vs. random", f"vs. {task.classic}", "seeds", "steps", "processor time s")
@@ -153,7 +141,7 @@ def draw_task(task: TaskResults) -> Picture:
     figure, scale = Picture(figsize=(6.6, 3.6)), task.measure.scale
     axes = figure.subplots()
     for color, (name, scores) in zip(cycle(LINES), task.scores.items()):
-        middle, low, high = np.array([score(one)[:3] for one in scores]).T * scale
+        middle, low, high = np.array([score(one, is_widened=True)[:3] for one in scores]).T * scale
         axes.fill_between(task.steps[name] / 1000, low, high, color=color, alpha=0.15, linewidth=0)
         axes.plot(task.steps[name] / 1000, middle, color=color, marker=".", label=f"{name}, {task.times[name]:.0f} s")
     for dash, (name, scores) in zip(cycle(DASHES), task.references.items()):
@@ -170,8 +158,8 @@ def overview(tasks: Sequence[TaskResults]) -> Section:
     for task in tasks:
         levels = {name: float(scores.mean()) for name, scores in task.references.items()}
         none, one = (levels.get(name, 0.0) for name in (RANDOM, task.classic))
-        for name, scores in task.scores.items() if task.sign * (one - none) > 0.0 else ():
-            strata.setdefault(name, []).append((scores[-1].mean(axis=1) - none) / (one - none))
+        for name, scores in task.results.items() if task.sign * (one - none) > 0.0 else ():
+            strata.setdefault(name, []).append((scores.mean(axis=1) - none) / (one - none))
     if not strata:
         return Section("At a glance", ("No training run is finished yet.",))
     lines = [

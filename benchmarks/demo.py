@@ -15,6 +15,7 @@ from rich.console import Console
 from lidarnaut.agents.config import TrainingConfig, change
 from lidarnaut.agents.curves import LEARNED_NAMES, draw_learning_curve, read_evaluations
 from lidarnaut.agents.curves import Row as CurveRow
+from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.benchmarks.arena.episodes import Episodes
 from lidarnaut.benchmarks.arena.leaderboard import ranking_table
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Frame, Section, Table, to_html
@@ -118,7 +119,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
             evaluations = read_evaluations(train(config, run=work / "training"))
         draw_learning_curve({"PPO": evaluations}, f"PPO learns {task}", curve := work / "learning_curve.png")
         lesson = describe_learning(evaluations, task)
-        caption = "All policies run the same episodes, in worlds not used in training."
+        caption = "Star and lines are the same test episodes, in worlds not used in training; the curve has its own."
         learned = lesson, Figure(curve.stem, curve.read_bytes(), caption, is_wide=True)
         sections = [Section("PPO learns to reach goals among people", learned)]
         for number, scene in enumerate(scenes, start=2):
@@ -178,7 +179,7 @@ def describe_learning(evaluations: Sequence[CurveRow], task: str) -> str:
 
 def main() -> None:
     try:
-        config = parse_record(change(read_mapping(CONFIG), TRAINING), str(CONFIG), TrainingConfig)
+        config = parse_record(with_recipe(change(read_mapping(CONFIG), TRAINING))[0], str(CONFIG), TrainingConfig)
         print(demo(config, FOLDER))
     except KeyboardInterrupt:
         sys.stderr.write(f"stopped; an earlier demo in {FOLDER} is unchanged\n")

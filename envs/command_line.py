@@ -111,6 +111,7 @@ def run_command(
         status: exit status after errors of `main`.
     """
     arguments = begin_command(arguments)
+    show_log("lidarnaut.agents")
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))
     try:
         read = parse_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)
@@ -123,10 +124,10 @@ def run_command(
         sys.exit(status)
 
 
-def show_log() -> None:
-    """Print messages of the package's loggers to standard error, from level INFO on."""
+def show_log(name: str = "lidarnaut") -> None:
+    """Print messages of the package's loggers below `name` to standard error, from level INFO on."""
     logging.basicConfig(format="%(name)s: %(message)s")
-    logging.getLogger("lidarnaut").setLevel(logging.INFO)
+    logging.getLogger(name).setLevel(logging.INFO)
 
 
 def make_console() -> Console:

@@ -17,20 +17,21 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.files import explain_unknown, resolve
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.measures import PEOPLE
 from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import Observations, Tracks, make_parts
 from lidarnaut.envs.randomization import Randomization, Ranges
 from lidarnaut.envs.rendering.scene import Scene, scene_of
-from lidarnaut.envs.robot import REMEMBER_TRUE, GroundTruth, Robot, reset_robots
+from lidarnaut.envs.robot import MAX_PERSON_GAP, REMEMBER_TRUE, GroundTruth, Robot, reset_robots
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.sensor import Measured, make_sensors
 from lidarnaut.envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
-from lidarnaut.envs.task import Task, total
+from lidarnaut.envs.task import COLUMNS, SHARED_QUANTITIES, Task
 from lidarnaut.envs.transition import people_metrics, pose_errors, update_robots
 from lidarnaut.envs.worlds import World
 
@@ -328,8 +329,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of a step; `is_last` truncates the episode."""
-        rewards = self.task.rewards.terms(self.task.quantities())
+        rewards = self.reward_terms(self.task.quantities())
         return self.judge(rewards, self.info(rewards), is_last)
+
+    def reward_terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
+        """Return the reward terms of a step by name. `quantities`: those of the task."""
+        rewards = self.task.rewards
+        return rewards.terms(Quantities(quantities, self) if rewards.reads_shared else quantities)
 
     def judge(
         self, rewards: Mapping[str, float], info: dict[str, Any], is_last: bool, reason: str | None = None
@@ -342,7 +348,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         truncated |= is_last
         if terminated or truncated:
             info = info | self.final_metrics() | {"end_reason": reason or "time_limit"}
-        return total(rewards), terminated, truncated, info
+        return self.task.rewards.checked_total(rewards), terminated, truncated, info
 
     def final_metrics(self) -> dict[str, Any]:
         """Return the additional entries of an episode's last `info`."""
@@ -518,6 +524,32 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def _set_time_limit(self, usual: float) -> None:
         if self._time_limit is None:
             self.time_limit = usual
+
+
+class Quantities(dict[str, Any]):
+    """Quantities of a step: those of the task, and shared ones (see `Rewards`), computed when first read by name."""
+
+    def __init__(self, own: Mapping[str, Any], env: Any) -> None:
+        """Begin with the task's quantities `own`, and shared ones with a weight. `env`: `LidarEnv` after a step."""
+        super().__init__(own)
+        self._env = env
+        self.update({name: self[name] for name in env.task.rewards.shared})
+
+    def __missing__(self, name: str) -> Any:
+        rows, world = self._env.rows.numbers, self._env.world
+        if name in COLUMNS:
+            values = rows[:, COLUMNS[name]].copy()
+        elif name == "obstacle_gap":
+            bodies, values = rows[:, [at.X, at.Y, at.ROBOT]], np.empty(len(rows))
+            for k, (x, y, radius) in enumerate(bodies.tolist()):
+                circles = np.ascontiguousarray(np.vstack([world.circles, np.delete(bodies, k, axis=0)]))
+                values[k] = min(max(clearance(x, y, world.segments, circles) - radius, 0.0), MAX_PERSON_GAP)
+        elif name in SHARED_QUANTITIES:
+            values = pose_errors(rows)[:, int(name == "yaw_error")]
+        else:
+            raise ValueError(f"unknown quantity {explain_unknown(name, dict.fromkeys([*self, *SHARED_QUANTITIES]))}")
+        self[name] = values if self._env.task.is_team else float(values[0])
+        return self[name]
 
 
 def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:

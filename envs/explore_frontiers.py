@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.envs.arguments import check_positive, is_whole
-from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.core import LidarEnv, Quantities
 from lidarnaut.envs.drive_kernel import UNCHECKED, drive
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import (
@@ -28,6 +28,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import BLOCK
+from lidarnaut.envs.task import magnitude
 from lidarnaut.envs.tasks.explore import Explore
 
 MAX_CANDIDATES = 1000
@@ -259,8 +260,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
             return f"task {type(env.task).__name__} needs every control period"
-        if env.sensors or env.on_period or env.render_mode == "human" or env.robots[0].tracker is not None:
-            return "custom sensors, people trackers, recorders and windows need every control period"
+        own = env.sensors or env.task.rewards.shared
+        if own or env.on_period or env.render_mode == "human" or env.robots[0].tracker is not None:
+            return "custom sensors, rewarded speeds, people trackers, recorders and windows need every control period"
         return ""
 
     @property
@@ -354,6 +356,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if count > 1:
             quantities["time"] += (count - 1) * period
             quantities["collision"] += contacts * period
+        if self.explore.task.rewards.shared:
+            for name, value in Quantities({}, self.explore).items():
+                quantities[name] += count * magnitude(name, value)
 
     def _mask(self) -> np.ndarray:
         mask = np.zeros(self._max_candidates, dtype=np.int8)
@@ -362,7 +367,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _info(self) -> dict[str, Any]:
         explore = self.explore
-        info = explore.info(explore.task.rewards.terms(self._quantities))
+        means = {name: self._quantities[name] / max(self._steps, 1) for name in explore.task.rewards.shared}
+        info = explore.info(explore.reward_terms(self._quantities | means))
         return info | {
             "action_mask": self._mask(),
             "action": self._taken,

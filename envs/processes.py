@@ -12,6 +12,11 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 
 
+def num_cores() -> int:
+    """Return the number of cores available to this process."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def start_worker() -> None:
     """Initialize a worker process; `initializer` of a `concurrent.futures.ProcessPoolExecutor`.
 

@@ -14,6 +14,12 @@ class Progress(tqdm):
     """Progress bar of tqdm; without a terminal it prints a line every ten seconds."""
 
     _due = 0.0
+    rate: float | None = None
+    """Units per second of the estimate; None estimates from all updates, 0 shows no estimate."""
+
+    @property
+    def format_dict(self) -> dict[str, Any]:
+        return {**super().format_dict, **({} if self.rate is None else {"rate": self.rate})}
 
     def __str__(self) -> str:
         return printable(super().__str__())

@@ -206,7 +206,7 @@ class Robot:
             row[at.KEY_POSE : at.KEY_POSE + 3] = self.belief.pose
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
         row[at.LAST_LEFT], row[at.LAST_RIGHT] = reading.ticks
-        row[at.LEAST_GAP : at.LEAST_TIME + 1] = MAX_PERSON_GAP, MAX_TIME_TO_COLLISION
+        row[at.PERSON_GAP : at.LEAST_TIME + 1] = MAX_PERSON_GAP, MAX_PERSON_GAP, MAX_TIME_TO_COLLISION
         if self.tracker is not None:
             self.tracker.reset()
             self._track(self.tracker, reading.ranges, ORIGIN)

@@ -12,13 +12,19 @@ from gymnasium import spaces
 
 from lidarnaut.envs.arguments import is_number
 from lidarnaut.envs.estimation import Estimator
-from lidarnaut.envs.files import resolve
+from lidarnaut.envs.files import SHORT, explain_unknown, resolve
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import TIME_TO_SUCCESS, Measure
 from lidarnaut.envs.robot import Prior, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.worlds import World
+
+COLUMNS = {"forward_speed": at.V, "yaw_rate": at.W, "action_v": at.ACTION_V, "action_w": at.ACTION_W}
+COLUMNS |= {"acceleration": at.ACCELERATION, "jerk": at.JERK, "person_gap": at.PERSON_GAP}
+SHARED_QUANTITIES = (*COLUMNS, "obstacle_gap", "position_error", "yaw_error")
+"""Quantities of all tasks, see `Rewards`. `COLUMNS`: indices of some in a robot's state vector."""
 
 
 class ObservationPart(Protocol):
@@ -62,19 +68,40 @@ class RowPart(BoxPart):
 
 
 class Rewards:
-    """Reward function: sum of task quantities, each times the weight of the same name.
+    """Reward function: sum of quantities of a step, each times the weight of the same name.
 
-    Subclasses may override `changes` and `terms`.
+    Subclasses may override `changes` and `terms`. The class of a task lists its own quantities, such as `progress`. All
+    tasks share the following, true values at the end of the step, without a weight by default:
+
+    - `forward_speed`: forward speed, negative backwards [m/s].
+    - `yaw_rate`: yaw rate, counter-clockwise [rad/s].
+    - `action_v`, `action_w`: forward speed and yaw rate of the action, as fractions of the limits [1].
+    - `acceleration`: change of the forward speed set by the speed controller [m/s2].
+    - `jerk`: magnitude of the change of the acceleration [m/s3].
+    - `person_gap`: gap between footprint and nearest person, at most 10 m [m].
+    - `obstacle_gap`: gap between footprint and nearest static obstacle or other robot, at most 10 m [m].
+    - `position_error`: distance between estimated and true position [m].
+    - `yaw_error`: magnitude of the heading error of the pose estimate [rad].
+
+    Their terms are weight x duration [s] x magnitude; `forward_speed` keeps its sign. In a team, they are arrays, shape
+    (num_robots,), float64, and terms are sums over the robots.
     """
 
     changes: Mapping[str, float] = MappingProxyType({})
     """Weights by term name that replace weights of the task or add terms."""
 
-    def __init__(self, weights: Mapping[str, float]) -> None:
-        for name, weight in (chosen := {**weights, **self.changes}).items():
+    def __init__(self, weights: Mapping[str, float], changes: Mapping[str, float] | None = None) -> None:
+        """Create the reward function of a task with default `weights`; `changes` replaces the attribute."""
+        changes, has_own_terms = self.changes if changes is None else changes, type(self).terms is not Rewards.terms
+        if not has_own_terms and (unknown := sorted(changes.keys() - weights.keys() - {*SHARED_QUANTITIES})):
+            raise ValueError(f"reward has unknown terms {unknown}; allowed are {[*weights, *SHARED_QUANTITIES]}")
+        for name, weight in (chosen := {**weights, **changes}).items():
             if not is_number(weight):
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
         self.weights = {name: float(weight) for name, weight in chosen.items()}
+        self.shared = [name for name in SHARED_QUANTITIES if name in chosen]
+        """Weighted quantities that all tasks share."""
+        self.reads_shared = has_own_terms or len(self.shared) > 0
 
     @staticmethod
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":
@@ -91,13 +118,33 @@ class Rewards:
         changes = {} if reward is None else reward
         if not isinstance(changes, Mapping):
             raise ValueError(f"reward must map {list(weights)} to weights, or be a subclass of Rewards, got {reward!r}")
-        if unknown := sorted(set(changes) - set(weights)):
-            raise ValueError(f"reward has unknown terms {unknown}; allowed are {list(weights)}")
-        return Rewards({**weights, **changes})
+        return Rewards(weights, changes)
 
     def terms(self, quantities: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the reward terms of a step by name: weights times quantities of the task."""
-        return {name: weight * quantities[name] for name, weight in self.weights.items()}
+        """Return the reward terms of a step by name; raise ValueError for a weight without a quantity."""
+        try:
+            terms = {name: weight * quantities[name] for name, weight in self.weights.items()}
+        except KeyError as error:
+            raise ValueError(f"reward has no quantity {explain_unknown(error.args[0], quantities)}") from None
+        for name in self.shared:
+            terms[name] = self.weights[name] * quantities["time"] * magnitude(name, quantities[name])
+        return terms
+
+    def checked_total(self, terms: Any) -> Any:
+        """Return the sum of terms; raise ValueError if one is not a finite number."""
+        try:
+            if (type(value := total(terms)) is float and abs(value) < np.inf) or is_number(value):
+                return value
+        except (TypeError, ValueError, AttributeError):
+            pass
+        if isinstance(terms, Mapping):
+            terms = {name: term for name, term in terms.items() if not is_number(term)}
+        raise ValueError(f"reward {type(self).__name__} must return finite numbers by name, got {SHORT.repr(terms)}")
+
+
+def magnitude(name: str, value: Any) -> float:
+    """Return a shared quantity as its term has it: absolute, except for `forward_speed`, and summed over the robots."""
+    return float(np.sum(value if name == "forward_speed" else np.abs(value)))
 
 
 def total(terms: Mapping[str, Any]) -> Any:

@@ -96,6 +96,9 @@ def update_robots(rows, people):
         if row[at.TOUCHED] > 0.0:
             row[at.SLIP] += distance(motion[0], motion[1])
         row[at.TWIST_V], row[at.TWIST_W] = motion[0] / row[at.PERIOD], motion[2] / row[at.PERIOD]
+        acceleration = (row[at.COMMANDED_V] - row[at.LAST_V]) / row[at.PERIOD]
+        row[at.JERK] = abs(acceleration - row[at.ACCELERATION]) / row[at.PERIOD]
+        row[at.LAST_V], row[at.ACCELERATION] = row[at.COMMANDED_V], acceleration
         if setup.uses_truth > 0.0:
             motion = between(before[0], before[1], before[2], now[0], now[1], now[2])
         _write(row, at.MOTION, motion)

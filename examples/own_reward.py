@@ -1,4 +1,4 @@
-"""Custom reward: changed weights, and a term computed from the task's quantities."""
+"""Custom reward: changed weights, and a term computed from quantities of the step."""
 
 from collections.abc import Mapping
 
@@ -11,13 +11,13 @@ from lidarnaut.envs.task import Rewards
 
 
 class Careful(Rewards):
-    """Collisions cost ten times as much; exploration without contact counts double."""
+    """Collisions cost ten times as much, turns 0.02 per rad; exploration away from obstacles counts double."""
 
-    changes = {"collision": -5.0, "careful": 1.0}
+    changes = {"collision": -5.0, "yaw_rate": -0.02, "careful": 1.0}
 
     def terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
         """Return the weighted terms of a step by name, as in `info["rewards"]`."""
-        careful = quantities["explored"] * (quantities["collision"] == 0.0)
+        careful = quantities["explored"] * (quantities["obstacle_gap"] > 0.1)
         return super().terms({**quantities, "careful": careful})
 
 

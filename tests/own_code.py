@@ -133,6 +133,29 @@ def leave(*_):
     sys.exit(3)
 
 
+def guess(candidates, belief):
+    """Frontier rule with a field that candidates lack."""
+    return candidates["gain"] / candidates["cost"]
+
+
+def first_two(candidates, belief):
+    return np.zeros(2 * len(candidates))
+
+
+def unknown(candidates, belief):
+    return np.full(len(candidates), np.nan)
+
+
+class Unread(Circling):
+    def act(self, reading, belief):
+        return Twist(reading.speed, 0.0)
+
+
+class NanReward(Rewards):
+    def terms(self, quantities):
+        return {"half": quantities["time"] * np.nan}
+
+
 class CautiousReward(Rewards):
     """Reward with ten times the weight of contacts."""
 

@@ -224,7 +224,7 @@ BAD_ARGUMENTS = [
     ("Explore", {"start": (math.nan, 0.0, 0.0)}, "start"),
     *(("Explore", {"start": wrong}, "start must be") for wrong in ("home", 5, None, (1.0, "b", 0.0))),
     ("Explore", {"render_mode": "ascii"}, "render_mode"),
-    ("Explore", {"split": "validation"}, "split"),
+    ("Explore", {"split": "holdout"}, "split"),
     *(("Explore", {"control_hz": wrong}, "control_hz must be positive") for wrong in (0, "10", 10**400, True, None)),
     ("Explore", {"observations": ([],)}, r"names of observations must be strings, got \[\]"),
     ("Explore", {"control_hz": 1e9}, r"control_period must be .* at least 0.0001 s \(10,000 Hz\)"),

@@ -1,3 +1,4 @@
+import contextlib
 import os
 import time
 from dataclasses import dataclass
@@ -237,6 +238,21 @@ def test_max_episode_steps_truncates(wrappers):
         assert truncated.all() == truncated.any() == (step == 6)
     assert wrappers or info["end_reason"].tolist() == ["time_limit"] * 2
     env.close()
+
+
+def test_a_step_in_two_halves_is_a_step():
+    whole, halves = (LidarVectorEnv(LidarEnv, 3, task=ReachGoal, num_workers=2) for _ in range(2))
+    with contextlib.closing(whole), contextlib.closing(halves):
+        with pytest.raises(gymnasium.error.NoAsyncCallError, match="call step_async before step_wait"):
+            halves.step_wait()
+        for env in (whole, halves):
+            env.reset(seed=0)
+        for actions in np.random.default_rng(0).uniform(-1, 1, (5, 3, 2)).astype(np.float32):
+            halves.step_async(actions)
+            for one, other in zip(whole.step(actions), halves.step_wait(), strict=True):
+                assert_same(other, one)
+            with pytest.raises(gymnasium.error.NoAsyncCallError):
+                halves.step_wait()
 
 
 def test_observations_are_fresh_and_a_reset_repeats():

@@ -109,13 +109,19 @@ class RuleExplorer:
 
     def choose(self, navigator: FrontierNavigator, belief: Belief) -> int:
         """Return the index of the candidate (reachable frontier) with the highest score."""
-        self.scores = scores = self.rate(navigator, belief)
-        if scores.ndim != 1 or len(scores) > len(navigator.candidates):
-            raise ValueError(f"a rule must return a score for each candidate, shape (k,), got shape {scores.shape}")
-        return int(scores.argmax())
+        self.scores = self.rate(navigator, belief)
+        return int(self.scores.argmax())
 
     def rate(self, navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
-        return np.asarray(self.rule(navigator.candidates, belief))
+        name, count = getattr(self.rule, "__name__", type(self.rule).__name__), len(navigator.candidates)
+        try:
+            scores = np.asarray(self.rule(navigator.candidates, belief), dtype=np.float64)
+        except Exception as error:
+            raise ValueError(f"frontier rule {name}: {type(error).__name__}: {error}") from error
+        if scores.shape != (count,) or np.isnan(scores).any():
+            got = f"shape {scores.shape} with {np.isnan(scores).sum()} NaN"
+            raise ValueError(f"frontier rule {name} must return {count} scores without NaN, got {got}")
+        return scores
 
     def _stick(self, navigator: FrontierNavigator, belief: Belief, outcome: str) -> int:
         candidates = navigator.candidates

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from lidarnaut.benchmarks.arena.statistics import Estimate
+from lidarnaut.agents.statistics import Estimate
 from lidarnaut.envs.measures import COMMON, SUCCESS, Measure, headline_of
 
 NUM_BRIEF = 5

@@ -12,9 +12,9 @@ import rich.table
 from rich import box
 from rich.text import Text
 
+from lidarnaut.agents.statistics import Estimate
 from lidarnaut.benchmarks.arena.evaluation_folder import write_csv
 from lidarnaut.benchmarks.arena.measures import texts
-from lidarnaut.benchmarks.arena.statistics import Estimate
 from lidarnaut.benchmarks.arena.trace import slug
 from lidarnaut.envs.files import own_folder, printable, write_file
 from lidarnaut.envs.measures import Measure

@@ -75,8 +75,9 @@ def parse_policy(
 
     A name is a classic policy, also with parameters (`nearest?max_time=8`), `ppo:PATH` or `learned:PATH` (trained
     policy), `pursuit:PATH` (trained frontier score, driven by `pursuit`), or `module:attribute` (user code). `LABEL=`
-    may precede all but plain classic names. PATH is a run or checkpoint folder, or `pretrained/NAME`; a pattern with
-    `*` selects the last match. `?deterministic=false` samples actions.
+    may precede all but plain classic names. PATH is a run folder (its best checkpoint; `RUN@last` or `RUN@STEP` for
+    another one), a checkpoint folder, or `pretrained/NAME`; a pattern with `*` selects the last match.
+    `?deterministic=false` samples actions.
 
     Raises:
         ValueError: if the policy is unknown or unsuitable for the task; lists the allowed ones.
@@ -109,7 +110,9 @@ def parse_policy(
             raise ValueError(f"policy {what!r}: unknown parameter {explain_unknown(unknown, ['deterministic'])}")
         if not isinstance(deterministic, bool):
             raise ValueError(f"policy {what!r}: deterministic must be true or false, got {deterministic!r}")
-        folder = find_policy(max(glob.glob(path), default=path)).resolve()
+        pattern, at, which = path.rpartition("@") if "@" in path else (path, "", "")
+        runs = glob.glob(path) or [f"{run}{at}{which}" for run in glob.glob(pattern)]
+        folder = find_policy(max(runs, default=path)).resolve()
         policy = Policy(label, None, str(folder), kind == "pursuit", deterministic, tuple(trust))
         made = policy.make()  # reports a damaged checkpoint
         return replace(_checked(policy, made), model=fingerprint(folder)[:12])

@@ -14,13 +14,14 @@ from gymnasium import spaces
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.trust import named_code
 from lidarnaut.baselines import policies_for
+from lidarnaut.baselines.episode import prepare
 from lidarnaut.baselines.policy import marked
 from lidarnaut.benchmarks.arena.evaluation_folder import Key, Records, Row, columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
 from lidarnaut.benchmarks.arena.settings import USUAL, Case, Settings
 from lidarnaut.benchmarks.arena.trace import episode_name, recording_path, trace_path
-from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Job, Result, explain_fault, prepare, run_all
+from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Job, Result, explain_fault, run_all
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import Lock, own_folder, split_parameters, write_file
 from lidarnaut.envs.ids import CHOOSE
@@ -241,12 +242,11 @@ class Evaluation:
             with contextlib.closing(here[0].make_env()) as env:
                 for task in here:
                     try:
-                        prepare(env, task.policy.make(env.action_space), task.key.seed)
+                        prepare(env, task.policy.make(env.action_space), task.key.seed, steps=1)
+                        pending.discard(task.policy.name)
                     except (ValueError, CheckpointError) as error:
                         faults.append(error)
-                        continue
-                    except FAULTS:  # reported by the episodes
-                        pass
-                    pending.discard(task.policy.name)
+                    except FAULTS as error:
+                        faults.append(ValueError(f"{task.policy.name}: {explain_fault(error)}"))
         if pending and faults:
             raise faults[0]

@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
-import numpy as np
 
 from lidarnaut.agents.pools import make_pool
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
+from lidarnaut.baselines.episode import prepare, run_episode
 from lidarnaut.baselines.policy import Policy as Driver
 from lidarnaut.benchmarks.arena.evaluation_folder import Key, Row, columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
@@ -162,12 +161,6 @@ _worker = _Worker()
 
 def run_in_worker(task: Job) -> Result:
     return _worker.run(task)
-
-
-def prepare(env: gymnasium.Env[Any, Any], policy: Driver, seed: int, steps: int = 0) -> None:
-    """Warm up: reset environment and policy, and run `steps` steps that are not recorded."""
-    observation, info = begin_episode(env, policy, seed, np.random.default_rng(seed))
-    run(env, decide_with(policy, env), observation, info, max_steps=steps)
 
 
 def describe(row: Row, measures: Measures) -> dict[str, Any]:

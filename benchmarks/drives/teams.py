@@ -7,12 +7,12 @@ from typing import Literal
 
 import numpy as np
 
+from lidarnaut.agents.statistics import estimate
 from lidarnaut.benchmarks.arena.episodes import Episodes
 from lidarnaut.benchmarks.arena.measures import Measures, texts
 from lidarnaut.benchmarks.arena.publish import run_with_progress
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
-from lidarnaut.benchmarks.arena.statistics import estimate
 from lidarnaut.benchmarks.drives.recording import Row
 from lidarnaut.envs.command_line import Count, make_console
 from lidarnaut.envs.measures import Measure

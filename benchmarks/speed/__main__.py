@@ -24,7 +24,7 @@ from lidarnaut.benchmarks.speed.kernels import time_kernels
 from lidarnaut.envs.command_line import make_console, run_command
 from lidarnaut.envs.progress import Progress
 
-Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions", "people"]
+Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions", "people", "trainings"]
 PLOT = Path(__file__).resolve().parents[2] / "docs" / "images" / "throughput.png"
 BODIES = (50, 300)
 """Numbers of obstacles in the two benchmark halls."""
@@ -65,6 +65,7 @@ def main(
             "physics": lambda: one(parts.physics, 20 if quick else 200),
             "decisions": lambda: one(parts.decisions, 12 if quick else 120),
             "people": lambda: one(parts.people, 30 if quick else 600),
+            "trainings": lambda: measuring.trainings(calls, 0.1 if quick else 10.0, 1 if quick else 3),
         }
         for stage in Progress([s for s in only if not (quick and s == "growth")], desc="speed", unit="stage"):
             results[stage] = run[stage]()

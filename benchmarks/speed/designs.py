@@ -5,12 +5,10 @@ import dataclasses
 import multiprocessing
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 import lidarnaut.agents  # noqa: F401  (before torch, whose threads it keeps from spinning)
 from lidarnaut.benchmarks.speed.halls import make_hall
@@ -19,7 +17,8 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 
 ID = "lidarnaut:lidarnaut/Explore-v0"
 ACTION_REPEAT, NUM_ACTIONS = 10, 500
-TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
+TRAININGS = "reach_crowd", "rooms_fast", "reach_scans"
+"""Configurations of the measured trainings."""
 FEWEST_ENVS, MOST_ENVS = 16, 256
 """Smallest and largest number of sub-environments of the compared vector environments."""
 
@@ -29,8 +28,8 @@ class Design(NamedTuple):
 
     name: str
     """Implementation. `naive`: PyBullet and NumPy. `bullet`, `kinematic`: single environment with this simulator.
-    `vector`, `bullet_vector`: vector environment. `subproc`: `SubprocVecEnv` of stable-baselines3. `ppo`: PPO
-    training on `vector`."""
+    `vector`, `bullet_vector`: vector environment. `subproc`: `SubprocVecEnv` of stable-baselines3. Name of
+    a training: this training."""
     num_envs: int = 1
     cores: int = 1
     """Number of CPU cores; if above 1, also the number of worker processes of a vector environment."""
@@ -43,7 +42,6 @@ DESIGNS = (
     *(Design("vector", num_envs, cores) for cores in (1, 2) for num_envs in (FEWEST_ENVS, 64, MOST_ENVS)),
     *(Design("bullet_vector", FEWEST_ENVS, cores) for cores in (1, 2)),
     *(Design("subproc", 2, cores) for cores in (1, 2)),
-    Design("ppo", MOST_ENVS, 2),
 )
 """Compared environment designs. Throughput ratios are relative to the first design."""
 
@@ -82,6 +80,8 @@ def make_actions(num_envs: int) -> Iterator[np.ndarray]:
 
 
 def open_drive(case: Case) -> Drive:
+    if case.design.name in TRAININGS:
+        return _train(case.design)
     (name, num_envs, cores), hall, robot = case.design, make_hall(case.num_bodies), benchmark_robot(case.num_beams)
     physics = "bullet" if name.startswith("bullet") else "kinematic"
     arguments: dict[str, Any] = {"world": hall.world, "robot": robot, "slam": case.slam, "physics": physics}
@@ -101,11 +101,8 @@ def open_drive(case: Case) -> Drive:
         # A fork would miss the threads of a training process.
         env = gymnasium.make_vec(
             ID, num_envs, "vector_entry_point", start="spawn", map_resolution=case.map_resolution, context="forkserver",
-            autoreset_mode=AutoresetMode.SAME_STEP if name == "ppo" else AutoresetMode.NEXT_STEP,
             num_workers=cores if cores > 1 else 0, **arguments,
         )  # fmt: skip
-        if name == "ppo":
-            return _train(env, cores)
         env.reset(seed=0)
     actions, is_single = make_actions(num_envs), isinstance(env, gymnasium.Env)
 
@@ -122,16 +119,20 @@ def open_drive(case: Case) -> Drive:
     return Drive(step, close, at_once=5 if num_envs < 64 else 1)
 
 
-def _train(env: gymnasium.vector.VectorEnv, cores: int) -> Drive:
+def _train(design: Design) -> Drive:
     from stable_baselines3.common.logger import Logger
 
-    from lidarnaut.agents.algorithms import build_model
-    from lidarnaut.agents.config import TrainingConfig
-    from lidarnaut.agents.vec_env import GymnasiumVecEnv
-    from lidarnaut.envs.files import read_record
+    from lidarnaut.agents.algorithms import build_model, complete, rollout_steps
+    from lidarnaut.agents.config import change, find_configuration, parse_config
+    from lidarnaut.agents.vec_env import make_vec_env
+    from lidarnaut.envs.files import read_mapping
 
-    config = read_record(TRAINING, TrainingConfig).model_copy(update={"torch_threads": cores})
-    model = build_model(config, GymnasiumVecEnv(env))
+    data = change(read_mapping(find_configuration(design.name, "experiment")), {"torch_threads": design.cores})
+    if "num_worlds" in data["environment"]:  # made during the measurement
+        data = change(data, {"environment.num_worlds": 4})
+    config: Any = parse_config(data, design.name)
+    env = make_vec_env(config)
+    model = build_model(config, env)
     model.set_logger(Logger(None, []))
     learn = partial(model.learn, reset_num_timesteps=False)
-    return Drive(lambda count: learn(count * env.num_envs), env.close, at_once=config.hyperparameters["n_steps"])
+    return Drive(learn, env.close, at_once=rollout_steps(complete(config, env)))

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
-from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, Case, Design, Drive, open_drive
+from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, TRAININGS, Case, Design, Drive, open_drive
 
 SLAMS = ("tinyslam", "truth")
 WARM_UP = 5000
@@ -87,6 +87,13 @@ def compare_designs(
             where = {**case.design._asdict(), "bodies": num_bodies, "slam": slam}
             rows.append({**where, "steps_per_second": speed, "ratio": speed / naive})
     return rows
+
+
+def trainings(calls: dict[int, Call], seconds: float, repeats: int) -> list[dict[str, Any]]:
+    """Return the steps per second of whole trainings, rollouts and updates, on one core and on two."""
+    cases = [Case(Design(name, cores=cores), 0, "") for name in TRAININGS for cores in calls]
+    speeds = compare(calls, cases, seconds, repeats)
+    return [{"training": at.design.name, "cores": at.design.cores, "steps/s": speed} for at, speed in speeds.items()]
 
 
 def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int) -> list[dict[str, Any]]:

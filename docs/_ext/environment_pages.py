@@ -10,7 +10,7 @@ import gymnasium
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
-from lidarnaut.envs import LIDAR_ENV
+from lidarnaut.envs import ENVIRONMENTS, LIDAR_ENV
 from lidarnaut.envs.worlds import FAMILIES, free_area, load_world
 
 PICTURES = Path("images/environments")
@@ -41,6 +41,8 @@ SECTIONS = {
     "": "Reach goals, dock, sweep, follow routes",
 }
 """Section titles of the gallery by pattern of page names; the first match applies."""
+REWARDS = re.compile(r"## Rewards\n(.+?)\n\n", re.DOTALL)
+TERM = re.compile(r"`(\w+)` \((-?[\d.]+)(?: per (m2|m and s|m|s))?,?(?: of)? ?([^)]*)\)")
 WORLDS = {
     "ExploreTurtleBot3World": "A hexagon with nine pillars: most of it is in view from anywhere.",
     "ExploreHouse": "Six rooms and a yard, joined by doors: a room that is left out costs a long way back.",
@@ -111,6 +113,24 @@ def pages(source: Path) -> dict[str, str]:
         f"{names[task]}.md": _linked(_page(task, specs, source), names[task], names) for task, specs in groups.items()
     }
     return {"index.md": index, **found}
+
+
+def quantities() -> str:
+    """Return a table of the reward quantities of each task, with default weights."""
+    ids = {given["task"]: id for id, (_, given) in reversed(ENVIRONMENTS.items()) if "task" in given}
+    rows = []
+    for task in reversed(ids):
+        rows += [f"\n`{ids[task]}`:\n\n| quantity | unit | default weight | meaning |\n|---|---|---|---|"]
+        found = terms(load_env_creator(task)).items()
+        rows += [f"| `{name}` | {unit or 1} | {weight} | {text} |" for name, (weight, unit, text) in found]
+    return "\n".join(rows).replace("m2", "m²").replace("m and s", "m s")
+
+
+def terms(task: type) -> dict[str, list[str]]:
+    """Return weight, unit and meaning of each term by name, from the docstrings of a task and its base classes."""
+    texts = [part for kind in reversed(task.__mro__) for part in REWARDS.findall(vars(kind)["__doc__"] or "")]
+    found = {name: rest for name, *rest in TERM.findall(" ".join(" ".join(texts).split()))}
+    return {name: rest for name, rest in found.items() if name in task.weights or not task.is_team}
 
 
 def _card(spec: EnvSpec, entry_point: str, page: str) -> str:

@@ -78,6 +78,7 @@ def run_examples(folder: Path, out: Path) -> None:
     (file := out / "world_file.yaml").write_text(text, encoding="utf-8")
     gallery.draw_world(load_world(str(file))).savefig(out / "world_file.png", dpi=gallery.DPI)
     (out / "robot_keys.txt").write_text(robot_keys.tables(), encoding="utf-8")
+    (out / "quantities.txt").write_text(environment_pages.quantities(), encoding="utf-8")
     gallery.draw_robot(sys.modules["own_robot"].ROBOT).savefig(out / "own_robot.png", dpi=gallery.DPI)
     sys.path.remove(str(folder))
 

@@ -87,13 +87,13 @@ def find_clusters(ranges, directions, p, clusters):
     first = last = total = (0.0, 0.0)
     at, previous, is_slope = 0, np.inf, False
     for i in range(num_beams + 1):
-        k = (start + i) % num_beams
+        k = start + i if start + i < num_beams else start + i - num_beams  # faster than a remainder
         r = float(ranges[k]) if i < num_beams else np.inf
         if not r > 0.0:
             continue
         point = (p.mount_x + r * directions[0, k], p.mount_y + r * directions[1, k]) if r < np.inf else last
         reach = p.jump + (i - at) * p.jump_gain * min(r, previous)
-        if beams > 0 and (r == np.inf or math.hypot(point[0] - last[0], point[1] - last[1]) > reach):
+        if beams > 0 and (r == np.inf or (point[0] - last[0]) ** 2 + (point[1] - last[1]) ** 2 > reach * reach):
             is_slope |= _is_slope(previous, r, p)
             count = _add_cluster(clusters, count, first, last, total, beams, is_slope, p)
             beams = np.int64(0)
@@ -134,17 +134,19 @@ def look_at_disc(scan, pose, x, y, radius, margin, p):
     `pose`: lidar pose (x, y, theta), frame of the disc; `margin`: range tolerance [m].
     """
     dx, dy = x - pose[0], y - pose[1]
-    distance = math.hypot(dx, dy)
+    distance = math.sqrt(dx * dx + dy * dy)
     if distance <= radius:
         return PASSED
     half = math.asin(CORE_SHARE * radius / distance) + 0.5 * p.increment
-    middle = (math.atan2(dy, dx) - pose[2] - p.angle_min) % (2.0 * math.pi)
+    middle = math.atan2(dy, dx) - pose[2] - p.angle_min
+    if not 0.0 <= middle < 2.0 * math.pi:  # remainders are slow
+        middle = middle + 2.0 * math.pi if -2.0 * math.pi < middle < 0.0 else middle % (2.0 * math.pi)
     low, high = math.ceil((middle - half) / p.increment), math.floor((middle + half) / p.increment)
     num_beams, passed, hidden = scan.shape[0], 0, 0
     near, far = distance - radius - margin, distance + CORE_SHARE * radius + margin
     for k in range(low, high + 1):
         if p.is_full_turn > 0.0:
-            k %= num_beams
+            k += num_beams * (int(k < 0) - int(k >= num_beams))
         elif k < 0 or k >= num_beams:
             return HIDDEN
         r = float(scan[k])

@@ -133,7 +133,7 @@ class Candidates:
     def __getitem__(self, name: str) -> np.ndarray:
         """Return one column of the table of frontiers, such as `"cost"`. Raise ValueError for an unknown name."""
         if name not in (names := self.table.dtype.names or ()):
-            raise ValueError(f"unknown field of candidates {explain_unknown(name, names)}")
+            raise ValueError(f"unknown field of candidates {explain_unknown(name, names[: names.index('goal')])}")
         return self.table[name]
 
     def __len__(self) -> int:

@@ -48,6 +48,8 @@ WALL_MARGIN = 0.02
 REAR_ANGLE = 0.35
 """The lidar sees the rear if a beam is within this angle of the backward direction [rad]."""
 STATE, STEPS = 9, 8
+NUM_STEPS = int(HOLD / STEP)
+FAST = {"nnan", "reassoc", "contract"}  # infinity is used
 
 
 @njit(cache=True, error_model="numpy")
@@ -79,78 +81,118 @@ def find_walls(ranges, frame, people, points):
     return count
 
 
-@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})  # infinity is used
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def nearest(xs, ys, x, y):
+    """Return the least squared distance of points from (x, y) [m2]."""
+    least = np.float64(np.inf).view(np.int64)
+    for j in range(xs.shape[0]):
+        # Bits of positive floats are ordered like the floats, and LLVM vectorizes minima of integers only.
+        least = min(least, np.float64((xs[j] - x) ** 2 + (ys[j] - y) ** 2).view(np.int64))
+    return np.int64(least).view(np.float64)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def look_ahead(along, aside, x, y, sign, reach, length):
+    """Return the path length of a disc until contact [m], and the least squared distance of points from its path [m2].
+
+    The disc, of radius `reach`, drives from (x, y) along the first axis, or against it if `sign` is -1; the distance is
+    from the first `length` [m] of the path. Points behind the disc are ignored. `along`, `aside`: points, shape (n,).
+    """
+    hit = least = np.float64(np.inf).view(np.int64)
+    for j in range(along.shape[0]):
+        ahead, squared = sign * (along[j] - x), (aside[j] - y) ** 2
+        half, beyond = math.sqrt(max(reach * reach - squared, 0.0)), max(ahead - length, 0.0)
+        until = max(ahead - half, 0.0) if (ahead > 0.0) & (half > 0.0) else np.inf
+        hit = min(hit, np.float64(until).view(np.int64))
+        least = min(least, np.float64(squared + beyond * beyond if ahead > 0.0 else np.inf).view(np.int64))
+    return np.int64(hit).view(np.float64), np.int64(least).view(np.float64)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
 def predict_outcomes(now, limits, points, people, twists, out):
-    """Predict motions by velocity commands; write the features of `Trajectories` to `out`, shape (n, 8), float32.
+    """Predict motions by velocity commands; write the features of `Trajectories` to `out`, shape (n * m, 8), float32.
 
     `now`: forward speed and yaw rate [m/s, rad/s]. `limits`: robot's maximum speeds, accelerations, footprint radius,
     and whether the lidar sees the rear. `points`: on walls, shape (2, k), base frame [m]. `people`: x, y, vx, vy,
-    radius, shape (m, 5), base frame [m, m/s]. `twists`: velocity commands / maximum speeds, shape (n, 2).
+    radius, shape (l, 5), base frame [m, m/s]. `twists`: n speeds and m yaw rates / maxima, in all combinations.
     """
     max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
-    here = np.inf
-    for j in range(points.shape[1]):
-        here = min(here, points[0, j] ** 2 + points[1, j] ** 2)
-    reach = min(radius + WALL_MARGIN, math.sqrt(here) - 0.25 * WALL_MARGIN)
-    for i in range(twists.shape[0]):
-        v, w = now
-        x = y = theta = near_wall = near_person = 0.0
-        least = np.inf
-        until_wall = until_person = HORIZON
-        for step in range(int(HOLD / STEP)):
-            v += min(max(twists[i, 0] * max_v - v, -acc_v * STEP), acc_v * STEP)
-            w += min(max(twists[i, 1] * max_w - w, -acc_w * STEP), acc_w * STEP)
-            x += v * STEP * math.cos(theta + 0.5 * w * STEP)
-            y += v * STEP * math.sin(theta + 0.5 * w * STEP)
+    speeds, turns = twists
+    points, num_points = points.copy(), points.shape[1]  # contiguous, for vector instructions
+    reach = min(radius + WALL_MARGIN, math.sqrt(nearest(points[0], points[1], 0.0, 0.0)) - 0.25 * WALL_MARGIN)
+    along, aside = np.empty(num_points + 1), np.empty(num_points + 1)
+    xs, ys = np.empty((speeds.shape[0], NUM_STEPS)), np.empty((speeds.shape[0], NUM_STEPS))
+    cosines, sines, decays = np.empty(NUM_STEPS), np.empty(NUM_STEPS), np.empty(NUM_STEPS)
+    for turn in range(turns.shape[0]):
+        w, theta, low, high, count = now[1], 0.0, np.inf, -np.inf, 0
+        for step in range(NUM_STEPS):
+            w += min(max(turns[turn] * max_w - w, -acc_w * STEP), acc_w * STEP)
+            cosines[step], sines[step] = math.cos(theta + 0.5 * w * STEP), math.sin(theta + 0.5 * w * STEP)
             theta += w * STEP
-            time, squared = (step + 1) * STEP, np.inf
-            for j in range(points.shape[1]):
-                squared = min(squared, (points[0, j] - x) ** 2 + (points[1, j] - y) ** 2)
-            least = min(least, squared)
-            gap = math.sqrt(squared) - reach
-            until_wall = min(until_wall, time) if gap < 0.0 else until_wall
-            near_wall = max(near_wall, 1.0 - gap / NEAR_WALL)
+            decays[step] = math.exp(-(step + 1) * STEP / DECAY_TIME)
+        ux, uy = math.cos(theta), math.sin(theta)
+        for i in range(speeds.shape[0]):
+            v, x, y = now[0], 0.0, 0.0
+            for step in range(NUM_STEPS):
+                v += min(max(speeds[i] * max_v - v, -acc_v * STEP), acc_v * STEP)
+                x += v * STEP * cosines[step]
+                y += v * STEP * sines[step]
+                xs[i, step], ys[i, step] = x, y
+            low, high = min(low, y * ux - x * uy), max(high, y * ux - x * uy)
+        # The points beside the straight lines that follow, which are parallel.
+        low, high = low - reach - NEAR_WALL, high + reach + NEAR_WALL
+        for j in range(num_points):
+            along[count], aside[count] = points[0, j] * ux + points[1, j] * uy, points[1, j] * ux - points[0, j] * uy
+            count += (low <= aside[count]) & (aside[count] <= high)
+        for i in range(speeds.shape[0]):
+            near_wall = near_person = 0.0
+            least, until_wall, until_person = np.inf, HORIZON, HORIZON
+            for step in range(NUM_STEPS):
+                x, y, time = xs[i, step], ys[i, step], (step + 1) * STEP
+                squared = nearest(points[0], points[1], x, y)
+                least = min(least, squared)
+                until_wall = min(until_wall, time) if math.sqrt(squared) < reach else until_wall
+                for k in range(people.shape[0]):
+                    person = people[k]
+                    dx, dy = person[0] + time * person[2] - x, person[1] + time * person[3] - y
+                    both = person[4] + radius
+                    squared = dx * dx + dy * dy
+                    if squared < (both + NEAR_PERSON) ** 2:
+                        gap = math.sqrt(squared) - both
+                        until_person = min(until_person, time) if gap < 0.0 else until_person
+                        near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * decays[step])
+            near_wall = max(near_wall, 1.0 - (math.sqrt(least) - reach) / NEAR_WALL)
+            v = speeds[i] * max_v
+            if v < 0.0 and not sees_behind:
+                until_wall, near_wall = 0.0, 1.0
+            elif v != 0.0:
+                place = x * ux + y * uy, y * ux - x * uy, math.copysign(1.0, v)
+                hit, squared = look_ahead(along[:count], aside[:count], *place, reach, abs(v) * LINE_TIME)
+                until_wall = min(until_wall, HOLD + hit / abs(v))
+                near_wall = max(near_wall, 1.0 - (math.sqrt(squared) - reach) / NEAR_WALL)
             for k in range(people.shape[0]):
-                dx, dy = people[k, 0] + time * people[k, 2] - x, people[k, 1] + time * people[k, 3] - y
-                gap = math.hypot(dx, dy) - people[k, 4] - radius
-                until_person = min(until_person, time) if gap < 0.0 else until_person
-                near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-time / DECAY_TIME))
-        v = twists[i, 0] * max_v
-        if v < 0.0 and not sees_behind:
-            until_wall, near_wall = 0.0, 1.0
-        ux, uy, speed = math.cos(theta), math.sin(theta), abs(v)
-        sign = 1.0 if v >= 0.0 else -1.0
-        hit, squared = np.inf, np.inf
-        for j in range(points.shape[1]):
-            dx, dy = points[0, j] - x, points[1, j] - y
-            along = sign * (dx * ux + dy * uy)
-            aside = dx * dx + dy * dy - along * along
-            if along > 0.0:
-                if aside < reach * reach:
-                    hit = min(hit, along - math.sqrt(reach * reach - aside))
-                squared = min(squared, aside + max(along - speed * LINE_TIME, 0.0) ** 2)
-        if speed > 0.0:
-            until_wall = min(until_wall, HOLD + max(hit, 0.0) / speed)
-            near_wall = max(near_wall, 1.0 - (math.sqrt(squared) - reach) / NEAR_WALL)
-        for k in range(people.shape[0]):
-            dx, dy = people[k, 0] + HOLD * people[k, 2] - x, people[k, 1] + HOLD * people[k, 3] - y
-            vx, vy, both = people[k, 2] - v * ux, people[k, 3] - v * uy, people[k, 4] + radius
-            squared, closing = vx * vx + vy * vy, -(dx * vx + dy * vy)
-            if squared < 1e-4 or closing <= 0.0:
-                continue
-            time = min(closing / squared, HORIZON - HOLD)
-            gap = math.hypot(dx + time * vx, dy + time * vy) - both
-            near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / DECAY_TIME))
-            inside = closing * closing - squared * (dx * dx + dy * dy - both * both)
-            if inside > 0.0:
-                time = (closing - math.sqrt(inside)) / squared
-                until_person = min(until_person, HOLD + time) if time >= 0.0 else until_person
-        out[i, 0], out[i, 1] = until_wall / HORIZON, until_person / HORIZON
-        out[i, 2], out[i, 3] = min(near_wall, 1.0), near_person
-        farthest = max_v * (HOLD + 0.5 * LINE_TIME)
-        out[i, 4], out[i, 5] = (x + 0.5 * LINE_TIME * v * ux) / farthest, (y + 0.5 * LINE_TIME * v * uy) / farthest
-        out[i, 6] = theta / math.pi
-        out[i, 7] = min(max((math.sqrt(least) - radius) / SMALL_GAP, -1.0), 1.0)
+                person = people[k]
+                dx, dy = person[0] + HOLD * person[2] - x, person[1] + HOLD * person[3] - y
+                vx, vy, both = person[2] - v * ux, person[3] - v * uy, person[4] + radius
+                squared, closing, distance = vx * vx + vy * vy, -(dx * vx + dy * vy), dx * dx + dy * dy
+                far = both + NEAR_PERSON
+                if squared < 1e-4 or closing <= 0.0 or (distance - far * far) * squared >= closing * closing:
+                    continue  # passes at a distance, as most people do
+                time = min(closing / squared, HORIZON - HOLD)
+                gap = math.hypot(dx + time * vx, dy + time * vy) - both
+                closeness = min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / DECAY_TIME)
+                near_person = max(near_person, closeness)
+                inside = closing * closing - squared * (distance - both * both)
+                if inside > 0.0:
+                    time = (closing - math.sqrt(inside)) / squared
+                    until_person = min(until_person, HOLD + time) if time >= 0.0 else until_person
+            row = out[i * turns.shape[0] + turn]
+            row[0], row[1] = until_wall / HORIZON, until_person / HORIZON
+            row[2], row[3] = min(near_wall, 1.0), near_person
+            farthest = max_v * (HOLD + 0.5 * LINE_TIME)
+            row[4], row[5] = (x + 0.5 * LINE_TIME * v * ux) / farthest, (y + 0.5 * LINE_TIME * v * uy) / farthest
+            row[6] = theta / math.pi
+            row[7] = min(max((math.sqrt(least) - radius) / SMALL_GAP, -1.0), 1.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -198,7 +240,8 @@ class Trajectories(RowPart):
         sees_behind = bool(lidar.directions[0].min() < -math.cos(REAR_ANGLE))
         limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind
         frame = lidar.mount.x, lidar.mount.y, lidar.directions
-        self._fixed = frame, limits, tracker_numbers(lidar, SENSITIVE_TRACKER), TWISTS
+        twists = np.array(SPEEDS, np.float32), np.array(TURNS, np.float32)
+        self._fixed = frame, limits, tracker_numbers(lidar, SENSITIVE_TRACKER), twists
         num_scans = num_kept_scans(SENSITIVE_TRACKER)
         self._memory = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
         sizes = STATE, MAX_TRACKS * TRACK_SIZE, num_scans * lidar.num_beams, num_scans * 4

@@ -91,7 +91,10 @@ PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, 
 contacts.
 
 `INTRUSION`: time in the personal space of people. `TOUCHED_BY`: cause of the present contact, see `envs.transition`."""
-SLIP, MOTION_SETTINGS, ROBOT = 63, 64, 71
+LAST_V, ACCELERATION, JERK = range(63, 66)
+"""Columns of the commanded motion (`COMMANDED_V`) in a robot's state vector: last speed [m/s], acceleration [m/s2],
+magnitude of the jerk [m/s3]."""
+SLIP, MOTION_SETTINGS, ROBOT = 66, 67, 74
 """`SLIP`: odometry distance in contact since the last processed scan [m]. `MOTION_SETTINGS`, `ROBOT`: first columns of
 odometry settings (`MotionSettings`) and robot parameters (`RobotRecord`) in a robot's state vector."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")

@@ -53,7 +53,7 @@ class Dock(Navigate):
     Map channels as in `Explore`.
 
     ## Rewards
-    As in `Navigate`; `reached` is paid at the end of the task. `reward` changes the weights.
+    As in `Navigate`; `reached` (10, once, when docked and charged). `reward` changes the weights.
 
     ## Starting State
     As in `Navigate`. `goal="random"` draws one of the world's `docks`; other goals are poses of the docked robot. Each

@@ -53,8 +53,9 @@ class Explore(UnknownWorldTask):
 
     ## Rewards
     The sum of `info["rewards"]`: `explored` (1 per m2 of cells newly mapped at their true position and observed by a
-    true scan), `time` (-0.02 per s), `collision` (-0.5 per s in contact), `completed` (10, once); with
-    `return_home=True` also `returned` (10, once). `reward` changes the weights.
+    true scan), `time` (-0.02 per s of duration), `collision` (-0.5 per s in contact), `completed` (10, once, at the
+    target coverage); also `returned` (10, once, at the start pose, with `return_home=True`). `reward` changes the
+    weights.
 
     ## Starting State
     The robot is at rest with an empty map. `start="random"` draws a collision-free pose uniformly, clear of people on
@@ -87,7 +88,7 @@ class Explore(UnknownWorldTask):
     | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures), `"gmapping"` (one robot), `"odometry"` or `"truth"` (mapping at odometry or true poses), also with parameters (`"hector?preset=faithful"`), or your own, see `lidarnaut.envs.slam.make_slam` |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |
     | `start` | `"random"` | see Starting State |
-    | `split` | `"train"` | seeds of a procedural family: `"train"` or `"test"` |
+    | `split` | `"train"` | seeds of a procedural family: `"train"`, `"validation"` or `"test"` |
     | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` for the family's default |
     | `difficulty` | `None` | difficulty of `clutter` worlds, from 0 to 1; `None` draws it |
     | `num_worlds` | `None` | number of worlds of a procedural family, for faster resets; `None` for no limit |

@@ -117,8 +117,8 @@ class Navigate(KnownMapTask, GoalTask):
     Map channels as in `Explore`.
 
     ## Rewards
-    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.02 per s),
-    `collision` (-0.5 per s in contact), `reached` (10, once). `reward` changes the weights.
+    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.02 per s of
+    duration), `collision` (-0.5 per s in contact), `reached` (10, once, at the goal). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`

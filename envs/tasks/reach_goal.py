@@ -80,10 +80,10 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     twists, see `lidarnaut.envs.observations.Trajectories`.
 
     ## Rewards
-    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.2 per s),
-    `collision` (-20 for contact, which ends the episode; with `contact="costs"` per s in contact), `reached` (10,
-    once), `clearance` (-0.4 per s at a gap of 0 to obstacles, falling linearly to 0 at 0.15 m), `people` (-0.6 per s
-    likewise, for the nearest person, to 0 at 0.5 m). `reward` changes the weights.
+    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.2 per s of
+    duration), `collision` (-20 for contact, which ends the episode; with `contact="costs"` per s in contact), `reached`
+    (10, once, at the goal), `clearance` (-0.4 per s at a gap of 0 to obstacles, falling linearly to 0 at 0.15 m),
+    `people` (-0.6 per s likewise, for the nearest person, to 0 at 0.5 m). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`

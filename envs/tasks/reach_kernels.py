@@ -21,10 +21,9 @@ PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
 """Indices in the task's state array: end reason and metrics. `LEFT`: geodesic distance to the goal [m]; `SHARE`: driven
 fraction of the initial geodesic distance."""
-MOVED_AT, JERK, LAST_V, LAST_ACC = range(20, 24)
-"""Indices in the task's state array: time of first motion [s], summed absolute jerk [m/s3], last commanded forward
-speed [m/s] and acceleration [m/s2]."""
-SIZE = 24
+MOVED_AT, JERK = range(20, 22)
+"""Indices in the task's state array: time of first motion [s], summed absolute jerk [m/s3]."""
+SIZE = 22
 END_REASONS = (None, "reached", "wall", "person")
 AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
 NEAR_PERSON = 0.5
@@ -78,9 +77,7 @@ def update_goal(row, own, lengths, segments, circles):
     own[PEOPLE] = period * min(max((NEAR_PERSON - row[at.PERSON_GAP]) / NEAR_PERSON, 0.0), 1.0)
     if own[MOVED_AT] == 0.0 and row[at.PATH_LENGTH] >= MOVED:
         own[MOVED_AT] = row[at.TIME]
-    acceleration = (row[at.COMMANDED_V] - own[LAST_V]) / period
-    own[JERK] += abs(acceleration - own[LAST_ACC]) / period
-    own[LAST_V], own[LAST_ACC] = row[at.COMMANDED_V], acceleration
+    own[JERK] += row[at.JERK]
 
 
 @njit(cache=True, error_model="numpy")

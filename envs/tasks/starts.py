@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.slam import DEFAULT_SLAM, base_name, make_slam
 from lidarnaut.envs.task import Task
 from lidarnaut.envs.worlds import ExplorableArea, World, explorable_area, world_sampler
-from lidarnaut.envs.worlds.library import WorldSampler, has_no_effects
+from lidarnaut.envs.worlds.library import Split, WorldSampler, has_no_effects
 from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
 
 START_DISTANCE = 2.0
@@ -35,8 +35,8 @@ class WorldTask(Task):
     world: Any = "turtlebot3_world"
     """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these to
     draw from."""
-    split: Literal["train", "test"] = "train"
-    """Seeds of procedural worlds: `"train"` has even seeds, `"test"` odd seeds."""
+    split: Split = "train"
+    """Seeds of procedural worlds: `"train"`, `"validation"` or `"test"`, which have no world in common."""
     world_size: tuple[float, float] | None = None
     """Outer size (x, y) of a procedural world [m]; None for the family's default."""
     difficulty: float | None = None

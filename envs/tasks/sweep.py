@@ -64,8 +64,8 @@ class Sweep(KnownMapTask):
     Map channels as in `Explore`; channel 2 shows the driven path.
 
     ## Rewards
-    The sum of `info["rewards"]`: `swept` (1 per m2 of newly swept floor), `time` (-0.02 per s), `collision` (-0.5 per s
-    in contact), `completed` (10, once). `reward` changes the weights.
+    The sum of `info["rewards"]`: `swept` (1 per m2 of newly swept floor), `time` (-0.02 per s of duration), `collision`
+    (-0.5 per s in contact), `completed` (10, once, at `target_swept`). `reward` changes the weights.
 
     ## Starting State
     As in `Navigate`, without a goal. No floor is swept, except below the robot.

@@ -62,8 +62,9 @@ class Track(Task):
     | `motion` | `Box(-1, 1, (6,), float32)` | as in `Explore`, speeds by the filter |
 
     ## Rewards
-    The sum of `info["rewards"]`: `progress` (1 per m along the route), `deviation` (-2 per m and s), `time` (-0.02 per
-    s), `collision` (-0.5 per s in contact), `completed` (10, once), by the true pose. `reward` changes the weights.
+    The sum of `info["rewards"]`: `progress` (1 per m along the route), `deviation` (-2 per m and s away from the
+    route), `time` (-0.02 per s of duration), `collision` (-0.5 per s in contact), `completed` (10, once, at the end),
+    by the true pose. `reward` changes the weights.
 
     ## Starting State
     The robot is at rest at the beginning of the route, with normally distributed errors of standard deviations

@@ -12,7 +12,7 @@ from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.robot import SCAN
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import BLOCK
-from lidarnaut.envs.task import Rewards, total
+from lidarnaut.envs.task import total
 from lidarnaut.envs.transition import pose_errors, record_positions, step_rows
 
 from .memory import SCALARS, Arrays, Records
@@ -87,7 +87,7 @@ class Batch:
             rewards, weights = env.task.rewards, envs[0].task.rewards.weights
             is_unobserved = not env.sensors and env.on_period is None
             self._are_alike[i] = (
-                type(rewards).terms is Rewards.terms and rewards.weights == weights,
+                not rewards.reads_shared and rewards.weights == weights,
                 is_unobserved and _has_own(env.task, "update_rows", "update", "quantities", "metrics", "end_reason"),
                 all(type(robot.estimator) is DeadReckoning for robot in env.robots) and env.priors[0].map is None,
             )
@@ -219,8 +219,8 @@ class Batch:
         else:
             for i in np.flatnonzero(going).tolist():
                 row = rows.get(i) or {name: float(column[i]) for name, column in quantities.items()}
-                terms = tasks[i].rewards.terms(row)
-                self._arrays.rewards[i] = total(terms)
+                terms = self._envs[i].reward_terms(row)
+                self._arrays.rewards[i] = tasks[i].rewards.checked_total(terms)
                 records.note(i, {"rewards": terms}, ("rewards",))
         info_columns = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]} | metrics
         info_columns |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}

@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from lidarnaut.envs.arguments import clip_hint, is_whole, read_action, read_options
-from lidarnaut.envs.processes import interrupts_delayed
+from lidarnaut.envs.processes import interrupts_delayed, num_cores
 
 from .memory import Absent, Extras, Memory, from_record, kinds_of, whole_of
 from .shard import Shard
@@ -72,7 +72,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         if arguments.get("render_mode") == "human":
             raise ValueError("render_mode must be None or 'rgb_array' in a vector environment, got 'human'")
         if num_workers is None:
-            num_workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+            num_workers = num_cores()
         num_workers = max(min(num_workers, num_envs), 1)
         self.num_envs = num_envs = int(num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -153,6 +153,12 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             gymnasium.error.ResetNeeded: no episode has begun, one has ended, or a step has failed.
             gymnasium.error.ClosedEnvironmentError, RuntimeError: after `close` or an interrupted call.
         """
+        with interrupts_delayed():
+            self.step_async(actions)
+            return self.step_wait()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Start a step in the worker processes; `step_wait` completes it. Raises the errors of `step`."""
         self._check_open()
         if not self._has_begun:
             raise gymnasium.error.ResetNeeded("call reset first: no episodes have begun, or a step has failed")
@@ -163,9 +169,14 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             if ended:
                 raise gymnasium.error.ResetNeeded(f"sub-environments {ended} have ended; reset them with a reset_mask")
         self._has_begun = False  # unless all succeed
-        with interrupts_delayed():
-            results = self._exchange(itertools.repeat(b"s"), self._shard.step)
-            self._has_begun = True
+        self._send(itertools.repeat(b"s"))
+
+    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Complete a step; return the results of `step`. gymnasium.error.NoAsyncCallError without `step_async`."""
+        if not self._is_under_way:
+            raise gymnasium.error.NoAsyncCallError("call step_async before step_wait", "step_wait")
+        results = self._receive(self._shard.step)
+        self._has_begun, arrays = True, self._arrays
         info = self._info(results, np.ones(self.num_envs, dtype=np.bool_))
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
 
@@ -238,12 +249,15 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
 
     def _call(self, method: str, shares: Sequence[tuple[Any, ...]]) -> list[Any]:
         requests = [pickle.dumps((method, share)) for share in shares[1:]]  # before the first send
-        return self._exchange(requests, lambda: getattr(self._shard, method)(*shares[0]))
+        self._send(requests)
+        return self._receive(lambda: getattr(self._shard, method)(*shares[0]))
 
-    def _exchange(self, requests: Iterable[bytes], work: Callable[[], Any]) -> list[Any]:
+    def _send(self, requests: Iterable[bytes]) -> None:
         self._is_under_way = True  # remains True after Ctrl-C
         for worker, request in zip(self._workers, requests, strict=False):
             worker.send(request)
+
+    def _receive(self, work: Callable[[], Any]) -> list[Any]:
         try:
             own = work()
         except Exception as error:

@@ -22,7 +22,9 @@ LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library"
 """Built-in world files, by world name."""
 WORLD_NAMES = tuple(LIBRARY)
 
-Split = Literal["train", "test"]
+Split = Literal["train", "validation", "test"]
+FIRST_SEED = {"train": 0, "validation": 2**32, "test": 1}
+"""First seed of a family's worlds by split; further seeds follow in steps of 2, up to 2**32 for `train` and `test`."""
 WorldSampler = Callable[[np.random.Generator], World]
 
 
@@ -101,7 +103,8 @@ def world_sampler(
     Args:
         world: library world, BARN world (`barn:12`), procedural family, path of a world file or `map_server` YAML,
             `World`, function from a random generator to a `World`, `module:attribute`, or a list of these.
-        split: worlds of a family: `train` has even seeds, `test` odd seeds.
+        split: worlds of a family: `train` has even seeds, `test` odd seeds, both below 2**32; `validation` has even
+            seeds from 2**32 on.
         size: outer size (x, y) of a family's worlds [m]; `None` draws from the family's range.
         radius: radius of the robot that must fit into a family's worlds [m].
         difficulty: difficulty of `clutter`, from 0 to 1; `None` draws a value for each world.
@@ -128,9 +131,9 @@ def world_sampler(
         settings: dict[str, Any] = {"size": size, "radius": radius, "difficulty": difficulty}
         FAMILIES[world](0, **settings)  # fail before the first reset
         if num_worlds is None:
-            return partial(_draw, partial(FAMILIES[world], **settings), split == "test", 2**31)
+            return partial(_draw, partial(FAMILIES[world], **settings), FIRST_SEED[split], 2**31)
         settings["size"] = None if size is None else tuple(size)
-        return partial(_draw, partial(_generate_once, world, **settings), split == "test", num_worlds)
+        return partial(_draw, partial(_generate_once, world, **settings), FIRST_SEED[split], num_worlds)
     found: Any = _resolve(world, {**LIBRARY, **FAMILIES})
     if size is not None:
         raise ValueError(
@@ -144,8 +147,8 @@ def world_sampler(
 
 
 # Not closures, because environments are pickled.
-def _draw(generate: Callable[[int], World], is_test: bool, count: int, rng: np.random.Generator) -> World:
-    return generate(2 * int(rng.integers(count)) + is_test)
+def _draw(generate: Callable[[int], World], first: int, count: int, rng: np.random.Generator) -> World:
+    return generate(2 * int(rng.integers(count)) + first)
 
 
 def _draw_one_of(samplers: Sequence[WorldSampler], rng: np.random.Generator) -> World:

@@ -40,7 +40,7 @@ class FakeEnv(LidarEnv):
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         if world == "nowhere":
             raise ValueError("world 'nowhere' is unknown")
-        self.world = "rooms" if split == "test" else world
+        self.world = world if split == "train" else "rooms"
         self.render_mode = render_mode
         self.control_period = 1.0 / control_hz
         self.time_limit = time_limit or 4.0

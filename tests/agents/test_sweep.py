@@ -3,14 +3,13 @@ import json
 import sys
 from unittest.mock import Mock
 
-import numpy as np
 import pytest
 
 from lidarnaut import train_command as train
 from lidarnaut.agents import sweep
 from lidarnaut.agents.config import EvolutionConfig
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.agents.sweep import expand, interval, run_sweep
+from lidarnaut.agents.sweep import expand, run_sweep
 from lidarnaut.envs.files import LockedError
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
@@ -231,13 +230,3 @@ def test_a_run_that_another_process_is_at_counts_as_failed(data, tmp_path, monke
     monkeypatch.setattr(sweep, "train_member", Mock(side_effect=LockedError("in use")))
     with pytest.raises(ValueError, match=r"4 of 4 trainings failed(.|\n)*LockedError: in use"):
         run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)
-
-
-def test_intervals_are_those_of_students_t():
-    runs = [np.array([[0, 1.0], [10, value], [20, 9.0]]) for value in (2.0, 4.0, 6.0)]
-    runs[0] = runs[0][:2]
-    points = interval(runs)
-    np.testing.assert_allclose(points[0], [0, 1, 1, 1])
-    np.testing.assert_allclose(points[1], [10, 4, 4 - 4.968275, 4 + 4.968275], atol=1e-5)
-    assert len(points) == 2
-    assert np.isnan(interval(runs[:1])[:, 2:]).all()

@@ -14,7 +14,8 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from lidarnaut.agents.algorithms import num_updates
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.agents.curves import read_evaluations
+from lidarnaut.agents.curves import curve_of, read_evaluations
+from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, write_evaluations
 from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_env
@@ -34,7 +35,7 @@ def changed(data, **changes):
 
 
 def evaluated_steps(run):
-    return [row["steps"] for row in read_evaluations(run)]
+    return [row["steps"] for row in curve_of(read_evaluations(run))]
 
 
 def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
@@ -44,7 +45,9 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
     saved = read_record(tiny_run / "config.yaml", TrainingConfig)
     assert saved.hyperparameters == {"learning_rate": "lin_0.0007", **tiny_config.hyperparameters}
     assert saved.model_copy(update={"hyperparameters": tiny_config.hyperparameters, "network": {}}) == tiny_config
-    assert [path.name for path in list_checkpoints(tiny_run)] == ["step_000000512", "step_000000768"]
+    best = find_checkpoint(tiny_run, "best")
+    newest = {"step_000000512", "step_000000768"}
+    assert {path.name for path in list_checkpoints(tiny_run)} == newest | {best.name}
     assert evaluated_steps(tiny_run) == [0, 256, 512, 768]
     events = EventAccumulator(str(tiny_run / "tensorboard")).Reload()
     assert [event.step for event in events.Scalars("train/value_loss")][:2] == [128 * 2, 128 * 3]
@@ -86,17 +89,17 @@ def assert_logged(run, steps):
     for name in ("area", "success"):
         logged = {event.step: event.value for event in read_scalars(run, f"evaluation/{name}")}
         assert list(logged) == steps
-        assert logged == pytest.approx({row["steps"]: row[name] for row in read_evaluations(run)})
+        assert logged == pytest.approx({row["steps"]: row[name] for row in curve_of(read_evaluations(run))})
 
 
 def test_tensorboard_shows_every_evaluation_at_the_steps_it_was_made(tiny_run, tiny_data, tmp_path):
     assert_logged(tiny_run, [0, 256, 512, 768])
     # Resumed from the checkpoint at step 512. The evaluation before it stays; the one after it is replaced.
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    train(changed(tiny_data, total_steps=896), resume=list_checkpoints(run)[0], progress=False)
+    train(changed(tiny_data, total_steps=896), resume=f"{run}@512", progress=False)
     assert_logged(run, [0, 256, 512, 768, 896])
     assert (run / "checkpoints" / "step_000000768.discarded").is_dir()
-    assert [path.name for path in list_checkpoints(run)] == ["step_000000768", "step_000000896"]
+    assert [path.name for path in list_checkpoints(run)][-2:] == ["step_000000768", "step_000000896"]
 
 
 def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_several(tiny_run, tiny_data, tmp_path):
@@ -219,11 +222,23 @@ def test_policies_learn(tiny_data, tmp_path):
     assert rows[-1]["gained_area"] > 3 * rows[0]["gained_area"] + 10
 
 
+@pytest.mark.parametrize(("name", "message"), [("guess", "frontier rule guess: .*'gain'"), ("Unread", "'speed'")])
+def test_a_wrong_reference_is_named_before_the_first_evaluation(name, message, tiny_data, tmp_path, monkeypatch):
+    monkeypatch.setattr(Evaluator, "reference", lambda *_: pytest.fail("an evaluation has begun"))
+    environment = {"world": "pimouse_arena", "control_hz": 5, "time_limit": 2}
+    references = {"episodes": 1, "references": ["nearest", f"tests.own_code:{name}"]}
+    config = changed(tiny_data, environment=environment, evaluation=references)
+    with pytest.raises((ValueError, AttributeError), match=message):
+        train(config, run=tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
+
+
 def test_world_robot_reward_and_references_can_be_a_users_own(tiny_data, tmp_path, monkeypatch):
     (tmp_path / "own_parts.py").write_text((ROOT / "tests" / "own_code.py").read_text())
     monkeypatch.chdir(tmp_path)
     environment = {"world": "own_parts:WORLD", "robot": "own_parts:ROBOT", "reward": "own_parts:REWARD"}
     data = tiny_data | {
+        "recipe": None,
         "total_steps": 128,
         "environment": environment | {"control_hz": 5, "time_limit": 2},
         "evaluation": {"episodes": 1, "references": ["own_parts:Circling", "own_parts:ahead"]},
@@ -233,7 +248,7 @@ def test_world_robot_reward_and_references_can_be_a_users_own(tiny_data, tmp_pat
     assert done.returncode == 0, done.stderr
     (run,) = (tmp_path / "runs").iterdir()
     rows = read_evaluations(run)
-    assert [row["policy"] for row in rows] == ["own_parts:Circling", "own_parts:ahead", "learned", "learned"]
+    assert [row["policy"] for row in rows] == ["own_parts:Circling", "own_parts:ahead", *3 * ["learned"]]
     assert all(row["path_length"] > 0.2 for row in rows[:2])
     env = make_env(read_record(run / "config.yaml", TrainingConfig).environment, "test")
     assert (env.unwrapped.robot.name, env.unwrapped.task.rewards.weights["collision"]) == ("my_mouse", -5.0)

@@ -5,11 +5,12 @@ import yaml
 from lidarnaut.agents.config import find_configuration
 from lidarnaut.agents.sweep import run_sweep
 from lidarnaut.benchmarks import algorithms
-from lidarnaut.benchmarks.algorithms import TaskResults, difference, overview, score, task_section
+from lidarnaut.benchmarks.algorithms import TaskResults, difference, overview, task_section
 from lidarnaut.envs.measures import REACH
 
 TINY = {
     "experiment": "tiny",
+    "recipe": None,
     "total_steps": 16,
     "num_envs": 2,
     "environment": {"num_workers": 0, "time_limit": 1.0, "world": "rooms", "world_size": [6, 6], "slam": "truth"},
@@ -44,21 +45,11 @@ def make_task(**scores):
         measure=REACH[0],
         steps={name: np.array([0, 100]) for name in scores},
         scores={name: np.stack([np.zeros((2, 40)), values]) for name, values in scores.items()},
+        results=scores,
         references={"pursuit": half, "random": np.zeros((1, 40))},
         times=dict.fromkeys(scores, 9.0),
         missing=0,
     )
-
-
-def test_scores_have_the_width_of_what_differs_between_seeds_and_between_episodes():
-    assert score(np.full((3, 5), 0.25))[:3] == (0.25, 0.25, 0.25)
-    by_seed = score(np.repeat([[0.0], [0.5], [1.0]], 50, axis=1))
-    assert by_seed[:3] == pytest.approx((0.5, 0.0, 1.0))
-    rng = np.random.default_rng(1)
-    _, low, high, *_ = score(np.tile(rng.random(100) < 0.5, (3, 1)).astype(float))  # equal in all seeds
-    assert high - low == pytest.approx(4 * np.sqrt(0.25 / 100), rel=0.15)
-    # Outliers among four seeds are ignored.
-    assert score(np.repeat([[-9.0], [0.4], [0.6], [9.0]], 2, axis=1)).iqm == pytest.approx(0.5)
 
 
 def test_differences_are_those_in_the_same_episodes():

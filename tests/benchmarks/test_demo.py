@@ -7,6 +7,7 @@ import time
 import pytest
 
 from lidarnaut.agents.config import TrainingConfig, change
+from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.demo import CONFIG, RIVAL, SCENES, TRAINING, demo, describe_learning, running
 from lidarnaut.envs.files import Lock, LockedError, parse_record, read_mapping
@@ -42,7 +43,7 @@ def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkey
     (tmp_path / "demo.new").mkdir()
     (tmp_path / "demo.new" / "half").write_text("of an interrupted one")
     sentence = demo(config, folder, scenes, jobs=1)
-    assert sentence == f"{folder / 'report.html'}: ReachCrowd-v0: 3 evaluations."
+    assert sentence == f"{folder / 'report.html'}: ReachCrowd-v0: 4 evaluations."
     assert {path.name for path in tmp_path.iterdir()} == {"demo", ".lock-demo"}
     assert not (folder / "half").exists()
     assert (folder / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
@@ -69,7 +70,7 @@ def test_scenes_run_beside_the_training(tmp_path, scenes):
 
 
 def test_the_demo_shortens_the_shipped_configuration():
-    config = parse_record(change(read_mapping(CONFIG), TRAINING), str(CONFIG), TrainingConfig)
+    config = parse_record(with_recipe(change(read_mapping(CONFIG), TRAINING))[0], str(CONFIG), TrainingConfig)
     assert RIVAL in config.evaluation.references
     assert config.total_steps % config.evaluation.every == 0
 

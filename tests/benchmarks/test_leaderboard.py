@@ -7,12 +7,12 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
+from lidarnaut.agents.statistics import Estimate
 from lidarnaut.benchmarks.arena import leaderboard
 from lidarnaut.benchmarks.arena.episodes import Episodes, best_of
 from lidarnaut.benchmarks.arena.leaderboard import measures_table
 from lidarnaut.benchmarks.arena.measures import Measures, texts
 from lidarnaut.benchmarks.arena.page import to_terminal
-from lidarnaut.benchmarks.arena.statistics import Estimate
 from lidarnaut.envs.measures import EXPLORATION, GOAL, PEOPLE, REACH, ROUTE, TIME_TO_SUCCESS
 from lidarnaut.evaluate_command import main
 from tests.benchmarks.explorations import BY_NAME, MEASURES, read_rows, related, row

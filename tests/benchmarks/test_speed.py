@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from scipy import ndimage
 
 from lidarnaut.benchmarks.speed import __main__ as command
-from lidarnaut.benchmarks.speed import parts
+from lidarnaut.benchmarks.speed import measuring, parts
 from lidarnaut.benchmarks.speed.designs import Design, benchmark_robot, make_actions
 from lidarnaut.benchmarks.speed.halls import GAP, make_hall
 from lidarnaut.benchmarks.speed.kernels import make_kernels
@@ -134,16 +134,16 @@ def test_every_kernel_computes_what_its_reference_does():
 
 def test_a_run_measures_all_and_writes_what_is_documented(tmp_path, monkeypatch):
     designs = (Design("naive"), Design("kinematic"), Design("bullet_vector", 2), Design("vector", 16, 2))
-    designs += (Design("subproc", 2), Design("ppo", 4))
+    designs += (Design("subproc", 2),)
     monkeypatch.setattr(command, "DESIGNS", designs)
     monkeypatch.setattr(command, "BODIES", (50,))
     command.main(("designs", "kernels", "memory", "physics"), tmp_path / "speed.json", quick=True)
     written = json.loads((tmp_path / "speed.json").read_text())
     assert list(written) == ["machine", "designs", "kernels", "memory", "physics"]
     rows = written["designs"]
-    assert [(row["name"], row["num_envs"], row["cores"]) for row in rows[:6]] == [tuple(d) for d in designs]
+    assert [(row["name"], row["num_envs"], row["cores"]) for row in rows[:5]] == [tuple(d) for d in designs]
     for row in rows:
-        naive = rows[6 * (row["slam"] == "truth")]
+        naive = rows[5 * (row["slam"] == "truth")]
         assert row["ratio"] == pytest.approx(row["steps_per_second"] / naive["steps_per_second"])
         assert 5 < row["steps_per_second"] < 1e6
     assert rows[1]["ratio"] > 3  # the kinematic environment, independent of the load
@@ -151,6 +151,14 @@ def test_a_run_measures_all_and_writes_what_is_documented(tmp_path, monkeypatch)
     further = written["memory"][0]["MiB of a further sub-environment"]
     assert 0.8 < further < 4.0
     assert all(0 < row["least us"] <= row["median us"] for row in written["physics"])
+
+
+def test_trainings_are_measured(monkeypatch):
+    monkeypatch.setattr(measuring, "TRAININGS", ("rooms_fast",))
+    rows = measuring.trainings({1: lambda function, *arguments: function(*arguments)}, 0.0, 1)
+    measuring.open_cases([])
+    assert [(row["training"], row["cores"]) for row in rows] == [("rooms_fast", 1)]
+    assert 10 < rows[0]["steps/s"] < 1e6
 
 
 def test_one_and_many_environments_decide(monkeypatch):

@@ -4,8 +4,11 @@ from pathlib import Path
 
 import gymnasium
 import pytest
+from gymnasium.envs.registration import load_env_creator
 
 import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.envs.navigation import CANDIDATE, Candidates
+from lidarnaut.envs.task import SHARED_QUANTITIES, Rewards
 from lidarnaut.envs.worlds import WORLD_NAMES
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -51,6 +54,36 @@ def test_cards_differ_and_observations_are_explained():
         for key in keys:
             assert re.search(rf"^\| `{key}`", space, re.MULTILINE), (name, key)
         assert "as in `Explore`" not in space, name
+
+
+@pytest.mark.parametrize("task", sorted({s.kwargs["task"] for s in gymnasium.registry.values() if "task" in s.kwargs}))
+def test_docstrings_of_tasks_list_the_terms_of_their_rewards(task):
+    import environment_pages
+
+    kind = load_env_creator(task)
+    terms = environment_pages.terms(kind)
+    assert {name: float(terms[name][0]) for name in kind.weights} == dict(kind.weights)
+    assert set(terms) - set(kind.weights) <= {"returned"}
+    assert all(meaning and unit in ("", "m2", "m", "s", "m and s") for _, unit, meaning in terms.values())
+
+
+def test_the_tables_of_quantities_show_each_task_once():
+    import environment_pages
+
+    text = environment_pages.quantities()
+    assert re.findall(r"^`lidarnaut/(\w+)-v0`:$", text, re.MULTILINE) == [
+        *("Explore", "ExploreTeam", "Navigate", "Dock", "Sweep", "ReachGoal", "Track")
+    ]
+    assert "| `swept` | m² | 1 | newly swept floor |" in text
+    assert "| `completed` | 1 | 10 | once, at `target_swept` |" in text
+    assert "| `deviation` | m s | -2 | away from the route |" in text
+
+
+def test_help_lists_the_shared_quantities_and_the_fields_of_candidates():
+    listed = re.findall(r"^ *- (`.+`): ", Rewards.__doc__, re.MULTILINE)
+    assert sorted(re.findall(r"`(\w+)`", " ".join(listed))) == sorted(SHARED_QUANTITIES)
+    fields = re.findall(r"^ *- `(\w+)`: ", Candidates.__doc__, re.MULTILINE)
+    assert fields == [*CANDIDATE.names[: CANDIDATE.names.index("goal")]]
 
 
 def test_all_keys_of_robot_files_have_type_and_meaning():

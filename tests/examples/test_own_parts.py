@@ -23,6 +23,7 @@ OWN = {
     "slam": "own_slam:make_forgetful",
 }
 TRAINING = {
+    "recipe": None,
     "total_steps": 16,
     "num_envs": 2,
     "algorithm": "own_algorithm:FadingPPO",

@@ -6,13 +6,19 @@ from gymnasium.vector import SyncVectorEnv
 
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.observations.trajectories import (
+    DECAY_TIME,
     END,
     HOLD,
     HORIZON,
+    LINE_TIME,
+    NEAR_PERSON,
+    NEAR_WALL,
     NUMBERS,
     SMALL_GAP,
+    SPEEDS,
     STEP,
     TURN,
+    TURNS,
     TWISTS,
     WALL_MARGIN,
     find_walls,
@@ -22,6 +28,7 @@ from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.vector import LidarVectorEnv
 from tests.rollouts import rollout, step_both
 
+COMMANDS = np.float32(SPEEDS), np.float32(TURNS)
 LIMITS = 2.0, 4.0, 5.0, 25.0, 0.3
 GAP = -1
 NOBODY, NOTHING = np.empty((0, 5)), np.empty((2, 0))
@@ -31,9 +38,66 @@ CROWD = {"world": "hall", "people": 12, "physics": "kinematic", "contact": "cost
 def shown(now=(0.0, 0.0), points=NOTHING, people=NOBODY, limits=LIMITS, sees_behind=True):
     out = np.empty((len(TWISTS), NUMBERS), dtype=np.float32)
     predict_outcomes(
-        now, (*limits, sees_behind), np.asarray(points, dtype=float), np.asarray(people, dtype=float), TWISTS, out
+        now, (*limits, sees_behind), np.asarray(points, dtype=float), np.asarray(people, dtype=float), COMMANDS, out
     )
     return out
+
+
+def slow_outcomes(now, points, people, twist):
+    """Return the features of a twist by NumPy, with all points and people, shape (8,)."""
+    (v, w), x, y, theta = now, 0.0, 0.0, 0.0
+    max_v, max_w, acc_v, acc_w, radius = LIMITS
+    both, nobody = people[:, 4] + radius, np.array([math.inf])
+    reach = min(radius + WALL_MARGIN, np.hypot(*points.T).min() - 0.25 * WALL_MARGIN)
+    least, until_wall, until_person, near_person = math.inf, HORIZON, HORIZON, 0.0
+    for time in np.arange(STEP, HOLD + 1e-9, STEP):
+        v += np.clip(twist[0] * max_v - v, -acc_v * STEP, acc_v * STEP)
+        w += np.clip(twist[1] * max_w - w, -acc_w * STEP, acc_w * STEP)
+        x, y = x + v * STEP * math.cos(theta + 0.5 * w * STEP), y + v * STEP * math.sin(theta + 0.5 * w * STEP)
+        theta += w * STEP
+        away = np.hypot(*(points - (x, y)).T).min()
+        until_wall = min(until_wall, time) if away < reach else until_wall
+        gap = np.min([*(np.hypot(*(people[:, :2] + time * people[:, 2:4] - (x, y)).T) - both), *nobody])
+        until_person = min(until_person, time) if gap < 0.0 else until_person
+        near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-time / DECAY_TIME))
+        least = min(least, away)
+    v, heading, closest = twist[0] * max_v, np.array([math.cos(theta), math.sin(theta)]), least
+    if v != 0.0:
+        ahead = (points - (x, y)) @ heading * math.copysign(1.0, v)
+        aside = np.abs((points - (x, y)) @ (-heading[1], heading[0]))
+        hits = ahead - np.sqrt(np.maximum(reach**2 - aside**2, 0.0))
+        hit = np.min([*hits[(ahead > 0.0) & (aside < reach)], *nobody])
+        until_wall = min(until_wall, HOLD + max(hit, 0.0) / abs(v))
+        beyond = np.hypot(aside, np.maximum(ahead - abs(v) * LINE_TIME, 0.0))[ahead > 0.0]
+        closest = np.min([closest, *beyond])
+    for (px, py, *velocity, _), sum_of_radii in zip(people, both, strict=True):
+        start, relative = np.array([px, py]) + HOLD * np.array(velocity) - (x, y), velocity - v * heading
+        if start @ relative < 0.0:
+            time = min(-(start @ relative) / (relative @ relative), HORIZON - HOLD)
+            gap = np.hypot(*(start + time * relative)) - sum_of_radii
+            near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / DECAY_TIME))
+            roots = np.roots([relative @ relative, 2.0 * start @ relative, start @ start - sum_of_radii**2])
+            if np.isreal(roots).all() and roots.min() >= 0.0:
+                until_person = min(until_person, HOLD + roots.min())
+    near_wall = min(max(0.0, 1.0 - (closest - reach) / NEAR_WALL), 1.0)
+    end = (np.array([x, y]) + 0.5 * LINE_TIME * v * heading) / (max_v * (HOLD + 0.5 * LINE_TIME))
+    gap = np.clip((least - radius) / SMALL_GAP, -1.0, 1.0)
+    return np.array([until_wall / HORIZON, until_person / HORIZON, near_wall, near_person, *end, theta / math.pi, gap])
+
+
+def test_outcomes_equal_those_of_all_points_and_people_one_by_one():
+    rng, met, hit = np.random.default_rng(0), 0, 0
+    for case in range(60):
+        angle, away = rng.uniform(-math.pi, math.pi, 1 + 2 * case), rng.uniform(0.31, 6.0, 1 + 2 * case) ** 1.3
+        points = np.column_stack([away * np.cos(angle), away * np.sin(angle)])
+        people = np.column_stack([rng.uniform(-3.0, 3.0, (case % 8, 2)), rng.normal(0, 0.8, (case % 8, 2))])
+        people = np.column_stack([people, rng.uniform(0.2, 0.4, case % 8)])
+        now = rng.uniform(-0.6, 2.0), rng.uniform(-4.0, 4.0)
+        found = shown(now, points.T, people)
+        expected = [slow_outcomes(now, points, people, twist.astype(float)) for twist in TWISTS]
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+        met, hit = met + (found[:, 1] < 1.0).sum(), hit + (found[:, 0] < 1.0).sum()
+    assert min(met, hit) > 500
 
 
 def slow_times(now, points, people, twist):

@@ -16,6 +16,7 @@ from lidarnaut.agents.run_folder import list_checkpoints
 ROOT = Path(__file__).parents[2]
 CONFIG = {
     "experiment": "killed",
+    "recipe": None,
     "total_steps": 4096,
     "num_envs": 4,
     "algorithm": "PPO",

@@ -87,7 +87,7 @@ OPEN = World("open", np.array([[0.0, 0, 1, 0]]), np.empty((0, 3)), (Pose2D(0.5, 
     ("world", "options", "complaint"),
     [
         ("turtlebot_world", {}, r"'turtlebot_world' \(did you mean 'turtlebot3_world'\?\).*aws_small_house.*caves"),
-        ("rooms", {"split": "validation"}, "'train', 'test'"),
+        ("rooms", {"split": "dev"}, "'train', 'validation', 'test'"),
         ("turtlebot3_world", {"size": (5.0, 5.0)}, r"turtlebot3_world.*has a fixed size"),
         ("rooms", {"size": (-3.0, 5.0)}, r"from 4 x 4 m to 200 x 200 m"),
         ("hall", {"difficulty": 0.5}, "difficulty applies to the family 'clutter' only, not to 'hall'"),

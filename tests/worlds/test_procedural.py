@@ -52,13 +52,14 @@ def test_same_seed_same_bytes(family):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_splits_draw_from_disjoint_seeds(family):
     seeds = {}
-    for split in ("train", "test"):
+    for split in ("train", "validation", "test"):
         rng = np.random.default_rng(0)
         sample = world_sampler(family, split=split, size=SMALLEST[family])
         seeds[split] = [int(sample(rng).name.split("-")[1]) for _ in range(5)]
         assert len(set(seeds[split])) == 5
     assert {seed % 2 for seed in seeds["train"]} == {0}
     assert {seed % 2 for seed in seeds["test"]} == {1}
+    assert max(seeds["train"] + seeds["test"]) < 2**32 <= min(seeds["validation"])
 
 
 @pytest.mark.parametrize("family", FAMILIES)

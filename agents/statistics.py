@@ -90,6 +90,22 @@ def success_rate(strata: Strata) -> Estimate:
     return Estimate(float(outcomes.mean()), float(interval.low), float(interval.high), len(outcomes))
 
 
+def score(scores: np.ndarray, *, is_widened: bool = False) -> Estimate:
+    """Return the mean over episodes, then the interquartile mean over seeds, with its 95 % interval.
+
+    `scores` has shape (seeds, episodes). The bootstrap resamples seeds and episodes independently. `is_widened`: if
+    all scores are equal and lie in [0, 1], return Wilson's interval for a success rate of this value, not a width of 0.
+    """
+    rng, (num_seeds, num_episodes) = np.random.default_rng(0), scores.shape
+    seeds = rng.integers(num_seeds, size=(NUM_RESAMPLES, num_seeds))
+    episodes = rng.integers(num_episodes, size=(NUM_RESAMPLES, num_episodes))
+    means = scores[:, episodes].mean(axis=2).T
+    low, high = np.quantile(interquartile_mean(np.take_along_axis(means, seeds, axis=1)), TAILS)
+    if is_widened and np.ptp(scores) == 0.0 and 0.0 <= scores[0, 0] <= 1.0:
+        low, high = success_rate([np.arange(scores.size) < round(scores[0, 0] * scores.size)])[1:3]
+    return Estimate(float(interquartile_mean(scores.mean(axis=1))), float(low), float(high), scores.size)
+
+
 def paired_difference(a: Strata, b: Strata) -> Estimate:
     """Return the interquartile mean of the differences a - b of paired episodes, with its 95 % interval."""
     return estimate([x - y for x, y in zip(a, b, strict=True)])

@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lidarnaut.benchmarks.arena.statistics import (
+from lidarnaut.agents.statistics import (
     curve_band,
     estimate,
     gap_closed,
     paired_difference,
     performance_profile,
     probability_of_improvement,
+    score,
     success_rate,
 )
 
@@ -94,3 +95,18 @@ def test_lower_bounds_show_where_they_decide():
     assert estimate([values], [reached & (values < 5)]).is_bound == (True, False, True)
     assert estimate([values], [values < 0]).is_bound == (True, True, True)
     assert estimate([values], [values >= 0]) == exact
+
+
+def test_scores_have_the_width_of_what_differs_between_seeds_and_between_episodes():
+    assert score(np.full((3, 5), 0.25))[:3] == (0.25, 0.25, 0.25)
+    # Equal shares have Wilson's interval on request: 0 of 20 goals is no proof that none is ever reached.
+    assert score(np.zeros((1, 20)), is_widened=True)[:3] == pytest.approx((0.0, 0.0, 0.161), abs=1e-3)
+    assert score(np.ones((2, 10)), is_widened=True)[:3] == pytest.approx((1.0, 0.839, 1.0), abs=1e-3)
+    assert score(np.full((1, 5), 7.0), is_widened=True)[:3] == (7.0, 7.0, 7.0)
+    by_seed = score(np.repeat([[0.0], [0.5], [1.0]], 50, axis=1))
+    assert by_seed[:3] == pytest.approx((0.5, 0.0, 1.0))
+    rng = np.random.default_rng(1)
+    _, low, high, *_ = score(np.tile(rng.random(100) < 0.5, (3, 1)).astype(float))  # equal in all seeds
+    assert high - low == pytest.approx(4 * np.sqrt(0.25 / 100), rel=0.15)
+    # Outliers among four seeds are ignored.
+    assert score(np.repeat([[-9.0], [0.4], [0.6], [9.0]], 2, axis=1)).iqm == pytest.approx(0.5)

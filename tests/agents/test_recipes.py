@@ -1,0 +1,208 @@
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from lidarnaut.agents.config import TrainingConfig, parse_config
+from lidarnaut.agents.recipes import RECIPES, find_recipe, with_recipe
+from lidarnaut.agents.start import train
+from lidarnaut.agents.sweep import expand
+from lidarnaut.envs import ENVIRONMENTS, register
+from lidarnaut.envs.files import read_mapping, read_record
+from tests.test_contract import TASKS
+
+pytestmark = pytest.mark.usefixtures("no_curves")
+REACH = "lidarnaut/ReachGoal-v0"
+
+
+def merged(**data):
+    return with_recipe(data)[0]
+
+
+def given(id=REACH, **arguments):
+    return {"id": id, **arguments}
+
+
+@pytest.mark.parametrize("id", ENVIRONMENTS)
+def test_every_id_has_a_recipe_that_leaves_the_world_of_the_id(id):
+    name, fixed = find_recipe(id)
+    config = parse_config(merged(environment={"id": id}), id)
+    assert isinstance(config, TrainingConfig)
+    assert (config.environment.id, config.recipe, config.experiment) == (id, name, name)
+    assert not fixed.keys() & {*config.environment.arguments, *config.evaluation.environment}
+    if "Frontiers" not in id:
+        other = parse_config(merged(environment={"id": id}, algorithm="SAC"), id)
+        assert set(other.hyperparameters) <= {"gamma"}
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_recipe_says_what_it_takes_and_trains_two_updates(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    recipe = read_mapping(RECIPES[name])
+    assert not recipe.keys() & {"experiment", "seed", "recipe"}
+    assert "minutes on two cores" in RECIPES[name].read_text().partition("total_steps")[0]
+    environment = {"id": f"lidarnaut/{name}", "num_workers": 0, "time_limit": 2.0}
+    if name == "Track-v0":
+        environment |= {key: TASKS["Track"][key] for key in ("world", "robot", "path", "map_resolution")}
+    data = {
+        "environment": environment,
+        "num_envs": 4,
+        "total_steps": 32,
+        "hyperparameters": {"n_steps": 4, "batch_size": 8},
+        "evaluation": {"episodes": 1, "references": []},
+        "checkpoints": {"every": 16},
+    }
+    run = train(data, progress=False)
+    config = read_record(run / "config.yaml", TrainingConfig)
+    assert (config.recipe, config.environment.id, config.algorithm) == (name, f"lidarnaut/{name}", recipe["algorithm"])
+    assert [path.name for path in sorted((run / "checkpoints").glob("step_*"))][-1] == "step_000000032"
+
+
+def test_the_configuration_has_precedence_key_by_key():
+    plain = merged(environment=given())
+    own = merged(
+        environment=given(time_limit=9, reward={"time": -1.0}, people={"attentive": 0.0}, observations={"goal": None}),
+        hyperparameters={"gamma": 0.5},
+        evaluation={"references": ["random"], "environment": {"people": None}},
+        num_envs=8,
+    )
+    assert own["hyperparameters"] == plain["hyperparameters"] | {"gamma": 0.5}
+    assert own["evaluation"]["every"] == plain["evaluation"]["every"]
+    assert (own["evaluation"]["references"], own["num_envs"]) == (["random"], 8)
+    environment = own["environment"]
+    assert environment["reward"] == plain["environment"]["reward"] | {"time": -1.0}
+    assert environment["people"] == plain["environment"]["people"] | {"attentive": 0.0}
+    assert (environment["time_limit"], environment["world"]) == (9, plain["environment"]["world"])
+    # Observations are replaced, in evaluations as well.
+    assert environment["observations"] == {"goal": None}
+    assert "observations" not in own["evaluation"]["environment"]
+    assert own["evaluation"]["environment"]["people"] is None
+
+
+def test_a_given_world_or_robot_is_not_replaced_in_evaluations_or_by_lists_of_robots():
+    own = merged(environment=given(world="house.yaml", robot="jackal"))
+    assert "robots" not in own["environment"]
+    assert not {"world", "robot", "robots"} & own["evaluation"]["environment"].keys()
+    crowd = merged(environment=given("lidarnaut/ReachCrowd-v0", people={"attentive": 1.0}))
+    assert crowd["evaluation"]["environment"]["people"] == {"number": 20, "attentive": 1.0}
+    assert crowd["evaluation"]["environment"]["world_size"] == [12.0, 12.0]
+    other = merged(environment=given("lidarnaut/ExploreFrontiersAbstract-v0", world="turtlebot3_world"))
+    assert "world_size" not in other["environment"]
+
+
+ALL = {"learning_rate", "n_steps", "batch_size", "n_epochs", "gamma", "ent_coef", "target_kl"}
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "kept"),
+    [
+        ("PPO", ALL),
+        ("MaskablePPO", ALL),
+        ("RecurrentPPO", ALL),
+        ("stable_baselines3:PPO", ALL),
+        ("A2C", {"gamma", "n_steps"}),
+        ("TRPO", {"gamma", "n_steps"}),
+        ("SAC", {"gamma"}),
+        ("CrossQ", {"gamma"}),
+    ],
+)
+def test_another_algorithm_keeps_what_applies_to_it(algorithm, kept):
+    plain, own = merged(environment=given()), merged(environment=given(), algorithm=algorithm)
+    assert own["hyperparameters"].keys() == kept
+    assert {key: plain[key] for key in ("environment", "evaluation", "checkpoints")}.items() <= own.items()
+    is_off_policy = kept == {"gamma"}
+    assert own["num_envs"] == (64 if is_off_policy else plain["num_envs"])
+    assert own["total_steps"] == (300_000 if is_off_policy else plain["total_steps"])
+
+
+@pytest.mark.parametrize(
+    ("id", "changes", "kept"),
+    [
+        ("Explore", {}, {"log_std", "plan_prior"}),
+        ("Explore", {"algorithm": "RecurrentPPO"}, {"log_std"}),
+        ("Explore", {"algorithm": "SAC"}, set()),
+        ("Explore", {"environment": {"observations": ["scan", "motion"]}}, {"log_std"}),
+        ("Explore", {"environment": {"observations": ["trajectories", "plan"]}}, set()),
+        ("ExploreFrontiers", {}, {"prior"}),
+        ("ExploreFrontiers", {"algorithm": "MaskablePPO"}, set()),
+    ],
+)
+def test_network_keys_stay_as_far_as_the_network_accepts_them(id, changes, kept):
+    own = (
+        merged(**changes, environment=given(f"lidarnaut/{id}-v0", **changes.get("environment", {}))) if False else None
+    )
+    data = {**changes, "environment": given(f"lidarnaut/{id}-v0", **changes.get("environment", {}))}
+    own = merged(**data)
+    assert own["network"].keys() == kept
+    # What the user sets stays, and is an error where it does not fit.
+    assert merged(**data, network={"plan_prior": 1.0})["network"]["plan_prior"] == 1.0
+
+
+def test_null_chooses_no_recipe_and_a_name_another_one():
+    data = {"algorithm": "PPO", "total_steps": 8, "environment": given()}
+    assert merged(**data, recipe=None) == data
+    assert merged(**data, recipe="ReachCrowd-v0")["hyperparameters"]["gamma"] == 0.997
+    with pytest.raises(ValueError, match=r"unknown recipe 'ReachGaol-v0' \(did you mean 'ReachGoal-v0'\?\); allowed"):
+        merged(**data, recipe="ReachGaol-v0")
+
+
+def test_an_id_of_ones_own_has_the_recipe_of_its_task():
+    register("my_lab/House-v0", ENVIRONMENTS["lidarnaut/Explore-v0"][1]["task"], world="turtlebot3_house")
+    own = merged(environment={"id": "my_lab/House-v0"})
+    assert own["recipe"] == "Explore-v0"
+    assert "world" not in own["environment"]
+    assert merged(environment={"id": "CartPole-v1"}) == {"environment": {"id": "CartPole-v1"}}
+
+
+def test_objects_and_runs_are_complete(tmp_path, monkeypatch, caplog, tiny_run):
+    seen = []
+    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, **_: seen.append(config) or tmp_path)
+    caplog.set_level(logging.INFO, "lidarnaut.agents")
+    data = {"environment": given(), "hyperparameters": {"gamma": 0.9}}
+    train(data)
+    (line,) = caplog.messages
+    assert line.startswith("recipe ReachGoal-v0: total_steps 1500000, num_envs 128, algorithm PPO, ")
+    assert line.endswith("; changed by you: hyperparameters.gamma")
+    train(seen[0])
+    train(parse_config({"experiment": "a", "algorithm": "PPO", "total_steps": 8, "environment": given()}, "a"))
+    assert seen[1] == seen[0]
+    assert (seen[2].num_envs, seen[2].hyperparameters) == (16, {})
+    train(resume=tiny_run, trust=["tests"])
+    train(tiny_run / "config.yaml", trust=["tests"])
+    assert [config.recipe for config in seen] == ["ReachGoal-v0", "ReachGoal-v0", None, None, None]
+    assert len(caplog.messages) == 1
+
+
+def test_members_of_a_sweep_have_recipes_of_their_own(tmp_path):
+    tasks = {name: {"environment": {"id": f"lidarnaut/{name}-v0"}} for name in ("ReachGoal", "Explore")}
+    sweep = {"task": tasks, "algorithm": ["PPO", "SAC"]}
+    members = expand({"experiment": "a", "sweep": sweep, "seeds": [0, 1]}, "a", tmp_path)
+    assert [(one.config.recipe, len(one.config.hyperparameters)) for one in members[::2]] == [
+        ("ReachGoal-v0", 7), ("ReachGoal-v0", 1), ("Explore-v0", 7), ("Explore-v0", 1),
+    ]  # fmt: skip
+    assert len({one.recipe for one in members}) == 4
+
+
+def test_mistakes_are_named_before_torch_is_imported(tmp_path):
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump({"environment": given(), "total_stesp": 3}))
+    code = (
+        "import sys; from lidarnaut.train_command import main; code = main(['--config', 'a.yaml', '--seed', '1']); "
+        "sys.exit(code if 'torch' not in sys.modules else 9)"
+    )
+    own = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=own, capture_output=True, text=True)
+    assert done.returncode == 2, done.stderr
+    assert "unknown key 'total_stesp' (did you mean 'total_steps'?)" in done.stderr
+    assert "recipe ReachGoal-v0: " in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("section", "value"), [("environment", "x"), ("network", 3), ("evaluation", {"environment": "x"}), ("algorithm", 3)]
+)
+def test_values_of_a_wrong_type_are_named(section, value):
+    with pytest.raises(ValueError, match=section):
+        parse_config(merged(**{"environment": given(), section: value}), "a")
