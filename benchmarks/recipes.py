@@ -12,18 +12,18 @@ from lidarnaut.agents.algorithms import build_policy
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.curves import TEST, Row, read_evaluations, scores_of
 from lidarnaut.agents.evaluation import Evaluator
-from lidarnaut.agents.recipes import RECIPES, find_recipe
+from lidarnaut.agents.recipes import RECIPES
 from lidarnaut.agents.run_folder import find_checkpoint
 from lidarnaut.agents.statistics import score
 from lidarnaut.agents.sweep import Member, expand, is_finished, run_sweep
 from lidarnaut.benchmarks.algorithms import read_task, task_section
 from lidarnaut.benchmarks.arena.page import Cell, Section, Table, write_markdown
-from lidarnaut.envs import ENVIRONMENTS
 from lidarnaut.envs.command_line import Count, run_command
 from lidarnaut.envs.files import explain_unknown, read_bytes, read_json, read_mapping, write_file
 
 TEXT = """\
-`train.py --environment.id ID` starts from the recipe of the id, a file in `configs/recipes/`.
+`train.py --environment.id ID` starts from the recipe of the id, a file in `configs/recipes/`. Exploration of a given
+world, such as `ExploreHouse-v0`, has the recipe of `Explore-v0`.
 [Train a policy](training.md) explains how a configuration changes it. The table and the sections below are made from
 the files and from their runs:
 
@@ -103,16 +103,15 @@ def _section(name: str, members: Sequence[Member], rows: Sequence[Row]) -> Secti
 
 
 def _overview() -> Table:
-    head = ("recipe", "also for", "algorithm", "steps", "num_envs", "observations")
     lines = []
     for name, path in RECIPES.items():
         recipe = read_mapping(path)
-        others = [one for one in ENVIRONMENTS if find_recipe(one)[0] == name and one != f"lidarnaut/{name}"]
-        cells = name, ", ".join(one.removeprefix("lidarnaut/") for one in others), recipe["algorithm"]
         observed = ", ".join(recipe["environment"].get("observations", ["of the id"]))
-        counts = f"{recipe['total_steps']:,}", str(recipe["num_envs"])
-        lines.append([Cell(text) for text in (*cells, *counts, observed)])
-    return Table(head, lines, words=(1, 2, 5), is_open=True)
+        texts = name, recipe["algorithm"], f"{recipe['total_steps']:,}", str(recipe["num_envs"]), observed
+        lines.append([Cell(text) for text in texts])
+    return Table(
+        ("recipe", "algorithm", "steps", "sub-environments", "observations"), lines, words=(1, 4), is_open=True
+    )
 
 
 if __name__ == "__main__":
