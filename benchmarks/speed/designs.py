@@ -124,10 +124,12 @@ def _train(design: Design) -> Drive:
 
     from lidarnaut.agents.algorithms import build_model, complete, rollout_steps
     from lidarnaut.agents.config import change, find_configuration, parse_config
+    from lidarnaut.agents.recipes import with_recipe
     from lidarnaut.agents.vec_env import make_vec_env
     from lidarnaut.envs.files import read_mapping
 
-    data = change(read_mapping(find_configuration(design.name, "experiment")), {"torch_threads": design.cores})
+    data, _ = with_recipe(read_mapping(find_configuration(design.name, "experiment")))
+    data = change(data, {"torch_threads": design.cores})
     if "num_worlds" in data["environment"]:  # made during the measurement
         data = change(data, {"environment.num_worlds": 4})
     config: Any = parse_config(data, design.name)
