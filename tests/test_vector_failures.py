@@ -131,7 +131,13 @@ def test_after_an_interrupt_every_call_says_that_the_environment_must_be_closed(
             again(env)
 
 
-def test_a_step_comes_to_its_end_before_an_interrupt(env):
+def step_in_two_calls(env):
+    env.step_async(ACTIONS)
+    env.step_wait()
+
+
+@pytest.mark.parametrize("step", [CALLS["step"], step_in_two_calls])
+def test_a_step_comes_to_its_end_before_an_interrupt(env, step):
     times = [env.step(ACTIONS)[4]["time"][0] for _ in range(2)]
     for place in range(3):
         env.reset(seed=0)
@@ -139,9 +145,9 @@ def test_a_step_comes_to_its_end_before_an_interrupt(env):
         handler = signal.getsignal(signal.SIGINT)
         if place == 0:  # a worker ignores the signal
             with pytest.raises(KeyboardInterrupt):
-                env.step(ACTIONS)
+                step(env)
         else:
-            env.step(ACTIONS)
+            step(env)
         assert signal.getsignal(signal.SIGINT) is handler
         assert env.step(ACTIONS)[4]["time"].tolist() == [times[1]] * 3
 

@@ -153,9 +153,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             gymnasium.error.ResetNeeded: no episode has begun, one has ended, or a step has failed.
             gymnasium.error.ClosedEnvironmentError, RuntimeError: after `close` or an interrupted call.
         """
-        with interrupts_delayed():
-            self.step_async(actions)
-            return self.step_wait()
+        self.step_async(actions)
+        return self.step_wait()
 
     def step_async(self, actions: np.ndarray) -> None:
         """Start a step in the worker processes; `step_wait` completes it. Raises the errors of `step`."""
@@ -169,14 +168,16 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             if ended:
                 raise gymnasium.error.ResetNeeded(f"sub-environments {ended} have ended; reset them with a reset_mask")
         self._has_begun = False  # unless all succeed
-        self._send(itertools.repeat(b"s"))
+        with interrupts_delayed():
+            self._send(itertools.repeat(b"s"))
 
     def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Complete a step; return the results of `step`. gymnasium.error.NoAsyncCallError without `step_async`."""
         if not self._is_under_way:
             raise gymnasium.error.NoAsyncCallError("call step_async before step_wait", "step_wait")
-        results = self._receive(self._shard.step)
-        self._has_begun, arrays = True, self._arrays
+        with interrupts_delayed():
+            results, arrays = self._receive(self._shard.step), self._arrays
+            self._has_begun = True
         info = self._info(results, np.ones(self.num_envs, dtype=np.bool_))
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
 
