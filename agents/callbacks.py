@@ -159,9 +159,8 @@ class RunCallback(BaseCallback):
         name, sign = self._evaluator.headline.name, -1 if self._evaluator.headline.higher_is_better is False else 1
         kept = {self.num_timesteps, *(int(path.name[5:]) for path in list_checkpoints(self._run))}
         rows = [row for row in self._evaluations if row.get("split") == VALIDATION and row["steps"] in kept]
-        return max(((sign * float(row.get(name, -sign * np.inf)), int(row["steps"])) for row in rows), default=(0, -1))[
-            1
-        ]
+        scores = [(sign * float(row.get(name, -sign * np.inf)), int(row["steps"])) for row in rows]
+        return max(scores, default=(0.0, -1))[1]
 
     def _mark_best(self) -> None:
         path, step = self._run / "checkpoints" / BEST, self._best_step()

@@ -244,6 +244,8 @@ def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | Evolu
 
 
 CONFIGURATIONS = Path(__file__).resolve().parents[1] / "configs"
+RECIPES = {path.stem: path for path in sorted((CONFIGURATIONS / "recipes").glob("*.yaml"))}
+"""Files of the recipes, by name."""
 
 
 def find_configuration(name: str, key: str) -> Path:
@@ -258,8 +260,7 @@ def find_configuration(name: str, key: str) -> Path:
         return Path(name)
     known = {path.stem: path for path in sorted(CONFIGURATIONS.rglob("*.yaml")) if key in read_mapping(path)}
     if name not in known:
-        recipes = ", ".join(path.stem for path in sorted((CONFIGURATIONS / "recipes").glob("*.yaml")))
-        further = f"; recipes need no file: --environment.id lidarnaut/ID, with ID of {recipes}"
+        further = f"; recipes need no file: --environment.id lidarnaut/ID, with ID of {', '.join(RECIPES)}"
         further = further if key == "experiment" else ""
         raise ValueError(f"unknown configuration {explain_unknown(name, known)}, and paths of YAML files{further}")
     return known[name]

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from lidarnaut.agents.config import (
-    CONFIGURATIONS,
+    RECIPES,
     DecisionNetworkConfig,
     GaussianNetworkConfig,
     NetworkConfig,
@@ -18,8 +18,6 @@ from lidarnaut.envs import ENVIRONMENTS
 from lidarnaut.envs.files import explain_unknown, load_object, read_mapping
 from lidarnaut.envs.ids import EXPLORE, find_spec
 
-RECIPES = {path.stem: path for path in sorted((CONFIGURATIONS / "recipes").glob("*.yaml"))}
-"""Files of the recipes, by name."""
 DEPENDENT = {"world": ("world_size", "difficulty"), "robot": ("robots",), "robots": ("robot",)}
 """Arguments of a recipe that do not apply to another value of an argument."""
 PPO_LIKE = {"PPO", "MaskablePPO", "RecurrentPPO"}

@@ -128,9 +128,9 @@ def task_section(task: TaskResults) -> Section:
         gaps = [Cell.of(gap, measure, sign="+") for gap in others]
         seeds, steps, time = task.scores[name].shape[1], task.steps[name][-1], task.times[name]
         counts = [Cell(f"{count:,.0f}") for count in (seeds, steps, time)]
-        lines.append((Cell(name), Cell.of(score(task.results[name]), measure), *gaps, *counts))
+        lines.append((Cell(name), Cell.of(score(task.results[name], is_widened=True), measure), *gaps, *counts))
     for name, scores in task.references.items():
-        lines.append((Cell(name), Cell.of(score(scores), measure), *[Cell("")] * 5))
+        lines.append((Cell(name), Cell.of(score(scores, is_widened=True), measure), *[Cell("")] * 5))
     head = ("", measure.title, "vs. random", f"vs. {task.classic}", "seeds", "steps", "processor time s")
     caption = f"{measure.title} over training steps, with 95 % intervals"
     picture = Figure(slug(task.name), render(draw_task, task), caption)

@@ -10,9 +10,9 @@ import numpy as np
 
 from lidarnaut.agents.algorithms import build_policy
 from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.config import RECIPES
 from lidarnaut.agents.curves import TEST, Row, read_evaluations, scores_of
 from lidarnaut.agents.evaluation import Evaluator
-from lidarnaut.agents.recipes import RECIPES
 from lidarnaut.agents.run_folder import find_checkpoint
 from lidarnaut.agents.statistics import score
 from lidarnaut.agents.sweep import Member, expand, is_finished, run_sweep
@@ -97,7 +97,7 @@ def _section(name: str, members: Sequence[Member], rows: Sequence[Row]) -> Secti
     section, last = task_section(task), [scores_of(row) for row in rows if row.get("checkpoint") == "last"]
     *parts, table = section.parts
     if isinstance(table, Table):
-        ends = Cell("last checkpoint"), Cell.of(score(np.array(last)), task.measure), *[Cell("")] * 5
+        ends = Cell("last checkpoint"), Cell.of(score(np.array(last), is_widened=True), task.measure), *[Cell("")] * 5
         table = table._replace(lines=[*table.lines, ends])
     return Section(name, (" ".join(about), *parts, table))
 
