@@ -37,7 +37,7 @@ from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, flat_space
 from lidarnaut.agents.plan_prior import PlanPriorPolicy
 from lidarnaut.agents.threads import split_batches
 from lidarnaut.agents.trajectories import TrajectoryPolicy
-from lidarnaut.agents.vec_env import GymnasiumVecEnv, JoinedVecEnv, Observations
+from lidarnaut.agents.vec_env import GymnasiumVecEnv, Observations
 from lidarnaut.envs.files import SHORT, explain_unknown, load_object, parse_record
 from lidarnaut.envs.processes import num_cores
 
@@ -86,7 +86,7 @@ def takes_vectors(algorithm: type[BaseAlgorithm]) -> bool:
     return _alias(algorithm).startswith("Mlp")
 
 
-def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> TrainingConfig:
+def complete(config: TrainingConfig, env: GymnasiumVecEnv) -> TrainingConfig:
     """Return a training configuration with default hyperparameters and network settings filled in.
 
     Raises:
@@ -140,7 +140,7 @@ def num_updates(config: TrainingConfig) -> int:
     return -(-config.total_steps // rollout_steps(config))
 
 
-def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> BaseAlgorithm:
+def build_model(config: TrainingConfig, env: GymnasiumVecEnv) -> BaseAlgorithm:
     """Create an algorithm with an untrained policy; seed the global generators of NumPy and torch.
 
     Raises:
@@ -172,7 +172,7 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
     return model
 
 
-def _construct(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Any:
+def _construct(config: TrainingConfig, env: GymnasiumVecEnv) -> Any:
     arguments = _arguments(config, env.parts, env.action_space)
     model = find_algorithm(config.algorithm)(env=env, seed=config.seed, device=config.device, **arguments)
     weight = nn.Parameter(torch.zeros(1))
@@ -182,7 +182,7 @@ def _construct(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> A
     return model
 
 
-def _find_culprit(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> str:
+def _find_culprit(config: TrainingConfig, env: GymnasiumVecEnv) -> str:
     for name in config.hyperparameters:
         others = {key: value for key, value in config.hyperparameters.items() if key != name}
         with contextlib.suppress(Exception):

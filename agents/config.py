@@ -60,11 +60,6 @@ class EnvironmentConfig(Section):
         own = {name: _tuples(value) for name, value in (self.model_extra or {}).items()}
         return own | ({"robot": self.robots[0]} if self.robots else {})
 
-    @property
-    def each_robot(self) -> list["EnvironmentConfig"]:
-        """One copy of this configuration per training robot."""
-        return [self.model_copy(update={"robots": (name,)}) for name in self.robots] or [self]
-
 
 class NetworkConfig(Section):
     """Settings of the default network, with one encoder per entry of the observation."""

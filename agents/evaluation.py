@@ -25,7 +25,7 @@ def evaluation_environment(config: TrainingConfig) -> EnvironmentConfig:
     """Return the environment configuration for evaluations."""
     changes = config.evaluation.arguments
     changes = ({"world_size": None} if "world" in changes else {}) | changes
-    changes |= {"robots": ()} if "robot" in changes else {}
+    changes |= {"robots": () if "robot" in changes else config.environment.robots[:1]}
     # Each episode has an environment; that many processes are too expensive.
     changes |= {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
     return config.environment.model_copy(update=changes)

@@ -12,7 +12,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
-MIN_ROWS, MAX_PART = 128, 512
+MIN_ROWS, MAX_PART = 600, 512
 """Minimum number of samples of a batch that is split, and maximum number of samples of a part."""
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 

@@ -1,17 +1,14 @@
 """Training environments, and adapters from Gymnasium to stable-baselines3."""
 
-import contextlib
 import multiprocessing
-from collections.abc import Iterator, Sequence
 from functools import partial
-from itertools import chain
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs.registration import load_env_creator
-from gymnasium.vector import AsyncVectorEnv, AutoresetMode, VectorEnv
+from gymnasium.envs.registration import EnvSpec, load_env_creator
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -33,6 +30,11 @@ def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
     return env if env is env.unwrapped else LastInfo(env)
 
 
+def _make_single(spec: EnvSpec, may_end: bool, arguments: dict[str, Any]) -> gymnasium.Env:
+    env = gymnasium.make(spec, **arguments)
+    return LastInfo(env) if may_end else env
+
+
 def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
     """Create an environment with the worlds of a split; ValueError if the configuration is invalid."""
     env = gymnasium.make(find_spec(config.id), **_arguments(config, split))
@@ -47,11 +49,15 @@ def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
 def make_vector(
     config: EnvironmentConfig, split: Split, num_envs: int
 ) -> VectorEnv[Observations, np.ndarray, np.ndarray]:
-    """Create a vector environment with same-step autoreset; raise ValueError if id or argument is invalid."""
+    """Create a vector environment with same-step autoreset; each of `environment.robots` drives in an equal share.
+
+    Raises ValueError if the id or an argument is invalid, or observations of the robots differ.
+    """
     spec, arguments = find_spec(config.id), _arguments(config, split)
     entry: Any = spec.entry_point
     entry, mode = load_env_creator(entry) if isinstance(entry, str) else entry, config.vectorization
     settings: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    variants: list[dict[str, Any]] = [{"robot": robot} for robot in config.robots] or [{}]
     if mode == "native" and (spec.additional_wrappers or (isinstance(entry, type) and not hasattr(entry, "outcome"))):
         mode = "sync"  # native workers support no wrappers
     if mode != "sync":
@@ -61,34 +67,20 @@ def make_vector(
             settings["context"] = "forkserver"
             multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])
     if mode != "native":
-        may_end = spec.max_episode_steps or spec.additional_wrappers or not isinstance(entry, type)
-        return gymnasium.make_vec(spec, num_envs, mode, settings, [LastInfo] * bool(may_end), **arguments)
-    settings["num_workers"] = config.num_workers
+        may_end = bool(spec.max_episode_steps or spec.additional_wrappers) or not isinstance(entry, type)
+        makers = [partial(_make_single, spec, may_end, {**arguments, **variant}) for variant in variants]
+        kind = AsyncVectorEnv if mode == "async" else SyncVectorEnv
+        return kind([makers[i * len(makers) // num_envs] for i in range(num_envs)], **settings)
+    settings |= {"num_workers": config.num_workers, "variants": variants}
     if spec.vector_entry_point is not None:
         return gymnasium.make_vec(spec, num_envs, "vector_entry_point", **settings, **arguments)
     settings["max_episode_steps"] = spec.max_episode_steps
     return LidarVectorEnv(partial(_make, entry), num_envs, **settings, **{**spec.kwargs, **arguments})
 
 
-def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "GymnasiumVecEnv | JoinedVecEnv":
-    """Create the training environments; each training robot drives in an equal share of them.
-
-    `is_flat`: flatten dictionary observations to vectors. Raises ValueError if the configuration is invalid,
-    sub-environments are too few, or spaces differ.
-    """
-    each = config.environment.each_robot
-    bounds = np.linspace(0, config.num_envs, len(each) + 1).round().astype(int)
-    if len(each) > config.num_envs:
-        raise ValueError(f"num_envs is {config.num_envs}, fewer than the {len(each)} robots of environment.robots")
-    with contextlib.ExitStack() as made:
-        vectors: list[VectorEnv] = []
-        for one, count in zip(each, np.diff(bounds).tolist()):
-            vectors.append(made.enter_context(contextlib.closing(make_vector(one, "train", count))))
-            if vectors[-1].single_observation_space != vectors[0].single_observation_space:
-                raise ValueError(f"robot {one.robots[0]!r} of environment.robots has observations unlike the first")
-        envs = [GymnasiumVecEnv(vector, is_flat=is_flat) for vector in vectors]
-        made.pop_all()
-    return JoinedVecEnv(envs) if len(envs) > 1 else envs[0]
+def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "GymnasiumVecEnv":
+    """Create the training environments. `is_flat`: flatten dictionary observations to vectors."""
+    return GymnasiumVecEnv(make_vector(config.environment, "train", config.num_envs), is_flat=is_flat)
 
 
 def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
@@ -197,62 +189,3 @@ class GymnasiumVecEnv(VecEnv):
         last = flatten({name: part[None] for name, part in last.items()})[0] if self._is_flat else last
         ended = {"episode": episode, "terminal_observation": last}
         return ended | ({"is_success": bool(final["is_success"])} if "is_success" in final else {})
-
-
-class JoinedVecEnv(VecEnv):
-    """Combines vector environments with equal spaces into one. Their worker processes step at the same time."""
-
-    def __init__(self, envs: Sequence[GymnasiumVecEnv]) -> None:
-        self._envs, self.parts = envs, envs[0].parts
-        self._firsts = np.cumsum([0, *(env.num_envs for env in envs)])
-        super().__init__(int(self._firsts[-1]), envs[0].observation_space, envs[0].action_space)
-
-    def reset(self) -> Any:
-        for env, first in zip(self._envs, self._firsts):
-            env.seed(self._seeds[first])
-            env.set_options(self._options[first])
-        self._reset_seeds()
-        self._reset_options()
-        return self._concatenate([env.reset() for env in self._envs])
-
-    def step_async(self, actions: np.ndarray) -> None:
-        for env, share in zip(self._envs, np.split(actions, self._firsts[1:-1])):
-            env.step_async(share)
-
-    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        observations, rewards, dones, infos = zip(*(env.step_wait() for env in self._envs))
-        return self._concatenate(observations), np.concatenate(rewards), np.concatenate(dones), [*chain(*infos)]
-
-    def close(self) -> None:
-        for env in self._envs:
-            env.close()
-
-    def get_images(self) -> list[np.ndarray | None]:
-        return [*chain(*(env.get_images() for env in self._envs))]
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        return [*chain(*(env.get_attr(attr_name, own) for env, own in self._shares(indices)))]
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        for env, own in self._shares(indices):
-            env.set_attr(attr_name, value, own)
-
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        return [
-            *chain(*(env.env_method(method_name, *args, indices=own, **kwargs) for env, own in self._shares(indices)))
-        ]
-
-    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
-        return [*chain(*(env.env_is_wrapped(wrapper_class, own) for env, own in self._shares(indices)))]
-
-    def _shares(self, indices: Any) -> Iterator[tuple[GymnasiumVecEnv, list[int]]]:
-        chosen = np.sort(list(self._get_indices(indices)))
-        for env, first in zip(self._envs, self._firsts):
-            own = chosen[(chosen >= first) & (chosen < first + env.num_envs)] - first
-            if len(own):
-                yield env, own.tolist()
-
-    def _concatenate(self, observations: Sequence[Any]) -> Any:
-        if not isinstance(observations[0], dict):
-            return np.concatenate(observations)
-        return {name: np.concatenate([one[name] for one in observations]) for name in observations[0]}

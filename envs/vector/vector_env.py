@@ -1,11 +1,12 @@
 """Vector environment with worker processes and shared memory."""
 
+import contextlib
 import functools
 import itertools
 import multiprocessing
 import os
 import pickle
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -41,6 +42,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         num_workers: int | None = None,
         context: str | None = None,
         env_wrappers: Sequence[Callable[[Any], Any]] = (),
+        variants: Sequence[Mapping[str, Any]] = ({},),
         **arguments: Any,
     ) -> None:
         """Create the sub-environments and start the worker processes.
@@ -55,10 +57,12 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
                 cores.
             context: start method, "fork", "forkserver" or "spawn"; None for Python's default.
             env_wrappers: wrappers of each sub-environment, innermost first; called `wrappers` by `make_vec`.
-            **arguments: arguments of the sub-environments.
+            variants: further arguments of consecutive equal shares of the sub-environments, such as
+                `[{"robot": "jackal"}, {"robot": "rosbot"}]`.
+            **arguments: arguments of all sub-environments.
 
         Raises:
-            ValueError: an argument is not allowed.
+            ValueError: an argument is not allowed, or spaces of variants differ.
         """
         self.closed = True  # until the workers have started
         if not is_whole(num_envs) or not 1 <= num_envs <= MAX_ENVS:
@@ -76,8 +80,17 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         num_workers = max(min(num_workers, num_envs), 1)
         self.num_envs = num_envs = int(num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        make_one = functools.partial(_make, make_env, tuple(env_wrappers), max_episode_steps, arguments)
-        env = make_one()  # for its spaces
+        if not 1 <= len(variants) <= num_envs:
+            raise ValueError(f"variants must be 1 to num_envs ({num_envs}), got {len(variants)}")
+        makers = [
+            functools.partial(_make, make_env, tuple(env_wrappers), max_episode_steps, {**arguments, **variant})
+            for variant in variants
+        ]
+        env = makers[0]()  # for its spaces
+        for variant, make_other in zip(variants[1:], makers[1:], strict=True):
+            with contextlib.closing(make_other()) as other:
+                if (other.observation_space, other.action_space) != (env.observation_space, env.action_space):
+                    raise ValueError(f"variants: {variant} has observations or actions unlike {variants[0]}")
         self.single_observation_space, self.single_action_space = env.observation_space, env.action_space
         self.observation_space = batch_space(env.observation_space, num_envs)
         self.action_space = batch_space(env.action_space, num_envs)
@@ -92,15 +105,17 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._dtype: np.dtype | None = None
         self._owner = os.getpid()
         self._has_begun = self._is_under_way = False
-        bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
-        self._shares = [slice(first, last) for first, last in itertools.pairwise(bounds)]
-        makers = [
-            functools.partial(Shard, make_one, memory, share, self.autoreset_mode, max_episode_steps)
-            for share in self._shares
-        ]
-        # This process steps the first shard itself.
-        self._workers = [Worker(multiprocessing_context, maker) for maker in makers[1:]]
-        self._shard = makers[0]()
+        shards: list[list[Callable[[], Shard]]] = [[] for _ in range(num_workers)]
+        self._shares: list[slice] = []
+        self._shares_of: list[list[int]] = [[] for _ in range(num_workers)]
+        for make_one, process, share in _split(makers, num_envs, num_workers):
+            args = make_one, memory, share, self.autoreset_mode, max_episode_steps
+            shards[process].append(functools.partial(Shard, *args))
+            self._shares_of[process].append(len(self._shares))
+            self._shares.append(share)
+        # This process steps the first shards itself.
+        self._workers = [Worker(multiprocessing_context, own) for own in shards[1:]]
+        self._shards = [make_shard() for make_shard in shards[0]]
         self.closed = False
 
     def reset(
@@ -176,7 +191,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         if not self._is_under_way:
             raise gymnasium.error.NoAsyncCallError("call step_async before step_wait", "step_wait")
         with interrupts_delayed():
-            results, arrays = self._receive(self._shard.step), self._arrays
+            results, arrays = self._receive("step", [()] * len(self._shares)), self._arrays
             self._has_begun = True
         info = self._info(results, np.ones(self.num_envs, dtype=np.bool_))
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
@@ -213,7 +228,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         )
 
     def close_extras(self, **kwargs: Any) -> None:
-        self._shard.close()
+        for shard in self._shards:
+            shard.close()
         for worker in self._workers if os.getpid() == self._owner else ():
             if self._is_under_way:  # it may be busy or wait for a message
                 worker.process.kill()  # ignores inherited signal handlers
@@ -249,25 +265,33 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return actions
 
     def _call(self, method: str, shares: Sequence[tuple[Any, ...]]) -> list[Any]:
-        requests = [pickle.dumps((method, share)) for share in shares[1:]]  # before the first send
-        self._send(requests)
-        return self._receive(lambda: getattr(self._shard, method)(*shares[0]))
+        requests = [pickle.dumps((method, [shares[k] for k in own])) for own in self._shares_of[1:]]
+        self._send(requests)  # after all are pickled
+        return self._receive(method, shares)
 
     def _send(self, requests: Iterable[bytes]) -> None:
         self._is_under_way = True  # remains True after Ctrl-C
         for worker, request in zip(self._workers, requests, strict=False):
             worker.send(request)
 
-    def _receive(self, work: Callable[[], Any]) -> list[Any]:
+    def _receive(self, method: str, shares: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """Return one result per share, after this process has called the method of its own shards."""
+        results: list[Any] = [None] * len(self._shares)
+        answers: list[Any] = []
         try:
-            own = work()
+            answers.append([getattr(shard, method)(*shares[k]) for k, shard in zip(self._shares_of[0], self._shards)])
         except Exception as error:
-            own = error
-        results = [own, *(worker.receive(self._dtype) for worker in self._workers)]
+            answers.append(error)
+        answers += [worker.receive(self._dtype) for worker in self._workers]
         self._is_under_way = False
-        for result in results:
-            if isinstance(result, Exception):
-                raise result
+        for own, answer in zip(self._shares_of, answers, strict=True):
+            if isinstance(answer, Exception):
+                raise answer
+            if isinstance(answer, np.ndarray):  # `info` without further entries
+                lengths = [self._shares[k].stop - self._shares[k].start for k in own]
+                answer = [(rows, {}) for rows in np.split(answer, np.cumsum(lengths)[:-1])]
+            for k, result in zip(own, answer, strict=True):
+                results[k] = result
         return results
 
     def _observations(self) -> Any:
@@ -300,6 +324,18 @@ def make_vec(id: str, num_envs: int = 1, *, wrappers: Sequence[Callable[[Any], A
     if wrappers:
         arguments["env_wrappers"] = wrappers
     return gymnasium.make_vec(id, num_envs, **arguments)
+
+
+def _split(makers: Sequence[Any], num_envs: int, num_workers: int) -> Iterator[tuple[Any, int, slice]]:
+    """Split equal shares of the makers among processes; yield maker, process and slice of sub-environments in order."""
+    bounds = [-(-i * num_envs // len(makers)) for i in range(len(makers) + 1)]
+    turns = itertools.cycle(range(num_workers))
+    for make_one, (first, last) in zip(makers, itertools.pairwise(bounds), strict=True):
+        counts = np.bincount([next(turns) for _ in range(last - first)], minlength=num_workers).tolist()
+        for process, count in enumerate(counts):
+            if count:
+                yield make_one, process, slice(first, first + count)
+                first += count
 
 
 def _columns(records: np.ndarray, mask: np.ndarray, without: Sequence[str] = ()) -> dict[str, Any]:

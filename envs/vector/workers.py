@@ -9,7 +9,7 @@ import signal
 import time
 import traceback
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -17,7 +17,6 @@ import numpy as np
 
 from lidarnaut.envs.processes import follow_parent
 
-from .memory import Extras
 from .shard import Shard
 
 SPIN_TIME = 0.002
@@ -30,9 +29,9 @@ if hasattr(os, "register_at_fork"):  # a forked process would end its parent's w
 class Worker:
     """Worker process that steps a part of the sub-environments."""
 
-    def __init__(self, context: Any, make_shard: Callable[[], Shard]) -> None:
+    def __init__(self, context: Any, make_shards: Sequence[Callable[[], Shard]]) -> None:
         self._pipe, far_end = context.Pipe()
-        self.process = context.Process(target=serve, args=(far_end, make_shard), daemon=True)
+        self.process = context.Process(target=serve, args=(far_end, make_shards), daemon=True)
         try:
             self.process.start()
         except ConnectionError as error:  # fork server that has imported the script
@@ -46,7 +45,7 @@ class Worker:
             self._pipe.send_bytes(request)
 
     def receive(self, dtype: np.dtype | None) -> Any:
-        """Return the result of the last request to the worker, or the raised exception."""
+        """Return the results of the last request, one per shard; as one array for records alone; or the exception."""
         try:
             answer = receive(self._pipe)
         except (EOFError, ConnectionResetError):
@@ -54,7 +53,7 @@ class Worker:
             hint = UNGUARDED if self.process.exitcode == 1 and self.process._start_method != "fork" else ""
             return RuntimeError(f"a worker process died with exit code {self.process.exitcode}{hint}")
         if answer[:1] == b".":
-            return np.frombuffer(answer, dtype, offset=1), Extras()
+            return np.frombuffer(answer, dtype, offset=1)
         try:
             content = pickle.loads(answer[1:])
         except Exception as error:
@@ -88,29 +87,31 @@ def receive(pipe: Connection) -> bytes:
     return pipe.recv_bytes()
 
 
-def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
+def serve(pipe: Connection, make_shards: Sequence[Callable[[], Shard]]) -> None:
     """Answer requests in a worker process until the request b"q".
 
-    The first byte of an answer is "." for `info` as a structured array, "+" for a pickled result, and "!" for an error.
+    The first byte of an answer is "." for `info` as a structured array, "+" for pickled results, and "!" for an error.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     multiprocessing.current_process().daemon = False  # user code may start processes
     follow_parent()
-    shard: Shard | None = None
+    shards: list[Shard] = []
     with contextlib.suppress(EOFError, ConnectionError):
         while (request := receive(pipe)) != b"q":
             try:
-                shard = shard or make_shard()
+                shards = shards or [make_shard() for make_shard in make_shards]
                 if request == b"s":
-                    records, extras = shard.step()
-                    answer = b"+" + pickle.dumps((records, extras)) if extras else b"." + records.tobytes()
+                    results = [shard.step() for shard in shards]
+                    is_plain = not any(extras for _, extras in results)
+                    answer = b"." + b"".join(rows.tobytes() for rows, _ in results) if is_plain else b""
+                    answer = answer or b"+" + pickle.dumps(results)
                 else:
                     method, args = pickle.loads(request)
-                    answer = b"+" + pickle.dumps(getattr(shard, method)(*args) if method else None)
+                    answer = b"+" + pickle.dumps([getattr(shard, method)(*own) for shard, own in zip(shards, args)])
             except Exception as error:
                 answer = b"!" + pickle.dumps((_portable(error), traceback.format_exc()))
             pipe.send_bytes(answer)
-    if shard is not None:
+    for shard in shards:
         shard.close()
 
 

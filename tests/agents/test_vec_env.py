@@ -171,19 +171,20 @@ def test_its_episodes_pass_for_monitored_ones(recwarn):
     env.close()
 
 
-def test_the_environments_of_several_robots_are_stepped_as_each_for_itself():
+@pytest.mark.parametrize("how", [{"num_workers": 0}, {"num_workers": 3}, {"vectorization": "sync"}])
+def test_the_environments_of_several_robots_are_stepped_as_each_for_itself(how):
     several = {"id": "lidarnaut/ReachGoal-v0", "world": "hall", "time_limit": 2.0, "num_workers": 0}
     several["observations"] = ["scan_history", "goal", "motion", "limits"]
     robots = ("jackal", "turtlebot3_burger")
     config = TrainingConfig(
-        experiment="two", total_steps=1, algorithm="PPO", num_envs=5, environment={**several, "robots": robots}
+        experiment="two", total_steps=1, algorithm="PPO", num_envs=5, environment={**several, **how, "robots": robots}
     )
     joined = make_vec_env(config)
     apart = [
         GymnasiumVecEnv(make_vector(EnvironmentConfig(**several, robot=name), "train", count))
-        for name, count in zip(robots, (2, 3))
+        for name, count in zip(robots, (3, 2))
     ]
-    for env, seed in zip((joined, *apart), (7, 7, 9)):
+    for env, seed in zip((joined, *apart), (7, 7, 10)):
         env.seed(seed)
     first, *others = (env.reset() for env in (joined, *apart))
     np.testing.assert_equal(first, {name: np.concatenate([one[name] for one in others]) for name in first})
@@ -191,14 +192,14 @@ def test_the_environments_of_several_robots_are_stepped_as_each_for_itself():
     ended = 0
     for action in np.random.default_rng(0).uniform(-1, 1, (30, 5, 2)).astype(np.float32):
         seen, rewards, dones, infos = joined.step(action)
-        theirs = [env.step(part) for env, part in zip(apart, (action[:2], action[2:]))]
+        theirs = [env.step(part) for env, part in zip(apart, (action[:3], action[3:]))]
         np.testing.assert_equal(seen, {name: np.concatenate([one[0][name] for one in theirs]) for name in seen})
         np.testing.assert_equal(rewards, np.concatenate([one[1] for one in theirs]))
         np.testing.assert_equal(dones, np.concatenate([one[2] for one in theirs]))
         assert [info.keys() for info in infos] == [info.keys() for one in theirs for info in one[3]]
         ended += dones.sum()
     assert ended >= 5
-    assert [robot.name for robot in joined.get_attr("robot", [0, 1, 4])] == ["jackal"] * 2 + ["turtlebot3_burger"]
+    assert [robot.name for robot in joined.get_attr("robot", [0, 2, 4])] == ["jackal"] * 2 + ["turtlebot3_burger"]
     joined.close()
     for env in apart:
         env.close()
@@ -207,9 +208,9 @@ def test_the_environments_of_several_robots_are_stepped_as_each_for_itself():
 def test_robots_that_cannot_be_trained_together_are_refused():
     config = {"experiment": "two", "total_steps": 1, "algorithm": "PPO", "num_envs": 2}
     environment = {"robots": ("turtlebot3_burger", "jackal"), "world": "rooms", "num_workers": 0}
-    with pytest.raises(ValueError, match=r"robot 'jackal' of environment\.robots has observations unlike"):
+    with pytest.raises(ValueError, match=r"variants: {'robot': 'jackal'} has observations or actions unlike"):
         make_vec_env(TrainingConfig(**config, environment=environment))
-    with pytest.raises(ValueError, match="num_envs is 1, fewer than the 2 robots"):
+    with pytest.raises(ValueError, match=r"variants must be 1 to num_envs \(1\), got 2"):
         make_vec_env(TrainingConfig(**{**config, "num_envs": 1}, environment=environment))
 
 
