@@ -58,7 +58,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             context: start method, "fork", "forkserver" or "spawn"; None for Python's default.
             env_wrappers: wrappers of each sub-environment, innermost first; called `wrappers` by `make_vec`.
             variants: further arguments of consecutive equal shares of the sub-environments, such as
-                `[{"robot": "jackal"}, {"robot": "rosbot"}]`.
+                `[{"robot": "turtlebot3_burger"}, {"robot": "turtlebot3_waffle_pi"}]`.
             **arguments: arguments of all sub-environments.
 
         Raises:

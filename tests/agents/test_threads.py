@@ -71,10 +71,10 @@ def test_parts_of_batches_give_the_gradients_of_the_whole_with_any_number_of_thr
 @pytest.mark.parametrize("algorithm", ["PPO", "RecurrentPPO", "TRPO"])
 def test_trainings_are_equal_with_any_number_of_threads_and_processes(algorithm):
     weights = []
-    hyperparameters = {"batch_size": 600, "n_epochs": 1} if algorithm != "TRPO" else {"batch_size": 600}
+    hyperparameters = {"n_steps": 8, "batch_size": 600} | ({"n_epochs": 1} if algorithm != "TRPO" else {})
     for num_threads, num_workers in ((1, 0), (2, 2)):
         env, model = make(
-            algorithm, "ReachGoal", 150, num_threads, hyperparameters={"n_steps": 8, **hyperparameters}, num_workers=num_workers,
+            algorithm, "ReachGoal", 150, num_threads, hyperparameters=hyperparameters, num_workers=num_workers,
             robots=ROBOTS, observations=("scan", "goal"),
         )  # fmt: skip
         with closing(env):
