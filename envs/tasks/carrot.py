@@ -89,7 +89,7 @@ class PlannedCarrot(BoxPart):
 
     size = 3
 
-    def __init__(self, task: Any, ahead: float) -> None:
+    def __init__(self, task: Any, ahead: float = AHEAD) -> None:
         check_positive(ahead=ahead)
         self._task, self._ahead = task, float(ahead)
 

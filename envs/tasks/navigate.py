@@ -20,6 +20,7 @@ from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.task import ObservationPart
 from lidarnaut.envs.worlds import World
 
+from .carrot import PlannedCarrot
 from .goals import GeodesicDistance, GoalTask, given_frame, given_map, known_map
 from .starts import WorldTask
 
@@ -114,7 +115,8 @@ class Navigate(KnownMapTask, GoalTask):
     | `goal` | `Box(-1, 1, (5,), float32)` | distance / 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference |
     | `pose_uncertainty` | `Box(0, 1, (3,), float32)` | standard deviations of position / 1 m and heading / pi (at most 1), 1 if the localizer is lost |
 
-    Map channels as in `Explore`.
+    Map channels as in `Explore`. Optional part: `carrot` (`Box(-1, 1, (3,))`), a point 0.8 m ahead on a planned path, see
+    `lidarnaut.envs.tasks.carrot`.
 
     ## Rewards
     The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.02 per s of
@@ -172,8 +174,11 @@ class Navigate(KnownMapTask, GoalTask):
             raise ValueError(f"heading_tolerance must lie in (0, pi], got {self.heading_tolerance!r}")
         super().attach(robot, control_period, physics)
 
+    def default_observations(self) -> Sequence[str]:
+        return [name for name in super().default_observations() if name != "carrot"]
+
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        return {"goal": partial(Goal, self), **super().observation_parts()}
+        return {"goal": partial(Goal, self), "carrot": partial(PlannedCarrot, self), **super().observation_parts()}
 
     def _measure_path(self) -> float:
         self._geodesic = GeodesicDistance(self.area, self._true_goal)

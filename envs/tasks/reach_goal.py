@@ -163,7 +163,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         return super().reset(simulator, robots, rng, options)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal, map frame. If only its bearing is known, return a point in this direction instead."""
+        """Return the goal, map frame; if only its bearing is known, a point in this direction instead."""
         if self.goal_given == "pose":
             return self.goal
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)

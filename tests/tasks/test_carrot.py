@@ -8,11 +8,12 @@ import lidarnaut  # noqa: F401  registers the environments
 
 OBSERVATIONS = {"carrot": {"path": "shortest"}, "goal": None}
 WALL = {"world": "hall", "world_size": (8.0, 8.0), "robot": "jackal", "physics": "kinematic"}
+FLAT = {"world": "rooms", "robot": "turtlebot3_burger", "min_distance": 5.0}
 
 
 def follow(path, seed, id="lidarnaut/ReachGoal-v0", **arguments):
-    settings = {"observations": {"carrot": {"path": path, "ahead": 0.3}}, "min_distance": 4.0, "contact": "costs"}
-    env = gymnasium.make(id, **{**WALL, **settings, **arguments})
+    observations = {"carrot": {"ahead": 0.3} | ({"path": path} if path else {})}
+    env = gymnasium.make(id, **{**WALL, "observations": observations, "min_distance": 4.0, **arguments})
     observation, _ = env.reset(seed=seed)
     angles, has_ended = [], False
     while not has_ended:
@@ -28,15 +29,21 @@ def follow(path, seed, id="lidarnaut/ReachGoal-v0", **arguments):
 @pytest.mark.parametrize("path", ["plan", "shortest"])
 def test_who_follows_the_carrot_gets_around_walls_to_the_goal(path):
     for seed in range(3):
-        info, _ = follow(path, seed, "lidarnaut/ReachClutter-v0", world="clutter", world_size=None)
+        info, _ = follow(path, seed, "lidarnaut/ReachClutter-v0", world="clutter", world_size=None, contact="costs")
         assert info["is_success"], (path, seed)
+
+
+def test_on_a_known_map_the_carrot_leads_through_unseen_doors():
+    episodes = [follow(None, seed, "lidarnaut/Navigate-v0", **FLAT) for seed in range(4)]
+    assert all(info["is_success"] for info, _ in episodes)
+    assert max(np.abs(angles).max() for _, angles in episodes) > 0.5
 
 
 def test_planned_and_shortest_paths_begin_alike():
     pairs = []
     for seed in range(12):
         firsts = [
-            follow(path, seed, time_limit=0.1, robot="configs/robots/jackal_360.yaml")[1][0]
+            follow(path, seed, time_limit=0.1, contact="costs", robot="configs/robots/jackal_360.yaml")[1][0]
             for path in ("plan", "shortest")
         ]
         pairs.append(abs((firsts[0] - firsts[1] + math.pi) % (2.0 * math.pi) - math.pi))
