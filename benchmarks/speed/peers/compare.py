@@ -45,14 +45,7 @@ def install(name: str, *packages: str) -> tuple[str | Path, ...]:
 
 
 def compare(peers: Mapping[str, Any], seconds: float, rounds: int, script: Path = STEP) -> list[dict[str, Any]]:
-    """Return median steps per second of simulators, and ratios to the first.
-
-    Args:
-        peers: contents of `peers.yaml`.
-        seconds: duration of each measurement [s].
-        rounds: number of measurements, all simulators in turn.
-        script: program that runs a simulator and prints its steps.
-    """
+    """Return median steps per second of `peers` (`peers.yaml`), measured in turn by `script`, and ratios to the first."""
     speeds: dict[tuple[int, int, str], list[float]] = {}
     failed = {name: peer["skipped"] for name, peer in peers.items() if "skipped" in peer}
     for name, peer in Progress(list(peers.items()) * rounds, desc="peers", unit="run"):
