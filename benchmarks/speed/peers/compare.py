@@ -45,7 +45,7 @@ def install(name: str, *packages: str) -> tuple[str | Path, ...]:
 
 
 def compare(peers: Mapping[str, Any], seconds: float, rounds: int, script: Path = STEP) -> list[dict[str, Any]]:
-    """Return median steps per second of `peers` (`peers.yaml`), measured in turn by `script`, and ratios to the first."""
+    """Return median steps per second of `peers` (`peers.yaml`), run in turn by `script`, and ratios to the first."""
     speeds: dict[tuple[int, int, str], list[float]] = {}
     failed = {name: peer["skipped"] for name, peer in peers.items() if "skipped" in peer}
     for name, peer in Progress(list(peers.items()) * rounds, desc="peers", unit="run"):

@@ -120,13 +120,11 @@ def jaxnav(num_envs: int, people: int) -> Iterator[int]:
     _, start = env.reset(jax.random.key(22))  # a map with 15 squares
     states = jax.tree.map(lambda value: jnp.broadcast_to(value, (num_envs, *jnp.shape(value))), start)
 
-    def step_one(state: Any, key: jax.Array) -> Any:
-        action = jax.random.uniform(key, (2,), minval=jnp.array([0.0, -1.0]))
-        observations, state, rewards, dones, _ = env.step(key, state, {"agent_0": action}, start)
-        return state, (observations, rewards, dones)
-
     def step_all(states: Any, key: jax.Array) -> Any:
-        return jax.vmap(step_one)(states, jax.random.split(key, num_envs))
+        actions = {"agent_0": jax.random.uniform(key, (num_envs, 2), minval=jnp.array([0.0, -1.0]))}
+        step = jax.vmap(env.step, (0, 0, 0, None))
+        observations, states, rewards, dones, _ = step(jax.random.split(key, num_envs), states, actions, start)
+        return states, (observations, rewards, dones)
 
     step_often = jax.jit(lambda states, key: jax.lax.scan(step_all, states, jax.random.split(key, 20)))
     for key in map(jax.random.key, count()):
