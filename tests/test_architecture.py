@@ -78,7 +78,8 @@ READERS = {
 READ_ANYTHING = {
     "envs/files/archives.py", "envs/files/yaml_models.py", "envs/player/page.py", "agents/package_policy.py",
     "benchmarks/demo.py",
-    "benchmarks/drives/localization.py", "benchmarks/speed/__main__.py", "envs/vector/workers.py",
+    "benchmarks/drives/localization.py", "benchmarks/speed/__main__.py", "benchmarks/speed/peers/step.py",
+    "envs/vector/workers.py",
     "envs/compilation.py",
 }  # fmt: skip
 """Allowed: readers with limits; readers of the package's templates, of files and messages of the same command, and of

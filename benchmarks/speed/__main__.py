@@ -21,10 +21,12 @@ from lidarnaut.benchmarks.drives.recording import table
 from lidarnaut.benchmarks.speed import measuring, parts
 from lidarnaut.benchmarks.speed.designs import DESIGNS
 from lidarnaut.benchmarks.speed.kernels import time_kernels
+from lidarnaut.benchmarks.speed.peers.compare import PEERS, compare
 from lidarnaut.envs.command_line import make_console, run_command
+from lidarnaut.envs.files import read_mapping
 from lidarnaut.envs.progress import Progress
 
-Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions", "people", "trainings"]
+Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions", "people", "trainings", "peers"]
 PLOT = Path(__file__).resolve().parents[2] / "docs" / "images" / "throughput.png"
 BODIES = (50, 300)
 """Numbers of obstacles in the two benchmark halls."""
@@ -39,14 +41,14 @@ COLOURS = {"tinyslam": "#1668b8", "truth": "#d2600c"}
 
 
 def main(
-    only: tuple[Stage, ...] = get_args(Stage),
+    only: tuple[Stage, ...] = get_args(Stage)[:-1],
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     quick: bool = False,
 ) -> None:
     """Run the throughput benchmarks, print a table for each, and plot the time of a step.
 
     Args:
-        only: benchmarks to run.
+        only: benchmarks to run; `peers` installs other simulators in `~/.cache/lidarnaut/peers`.
         json_file: also write the results to this file.
         quick: shorter measurements, without `growth`.
     """
@@ -66,6 +68,7 @@ def main(
             "decisions": lambda: one(parts.decisions, 12 if quick else 120),
             "people": lambda: one(parts.people, 30 if quick else 600),
             "trainings": lambda: measuring.trainings(calls, 0.1 if quick else 10.0, 1 if quick else 3),
+            "peers": lambda: compare(read_mapping(PEERS), 0.2 if quick else 1.5, 1 if quick else 3),
         }
         for stage in Progress([s for s in only if not (quick and s == "growth")], desc="speed", unit="stage"):
             results[stage] = run[stage]()

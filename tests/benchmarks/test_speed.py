@@ -15,6 +15,7 @@ from lidarnaut.benchmarks.speed.halls import GAP, make_hall
 from lidarnaut.benchmarks.speed.kernels import make_kernels
 from lidarnaut.benchmarks.speed.naive import NaiveExploreEnv, NaivePhysics
 from lidarnaut.benchmarks.speed.naive_slam import NaiveSlam
+from lidarnaut.benchmarks.speed.peers import compare as peers
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation.motion import WheelMotion
 from lidarnaut.envs.geometry import Pose2D
@@ -173,3 +174,38 @@ def test_growth_is_drawn(tmp_path):
     rows = [{"grows": key, "slam": slam, "at": at, "us": 0.3 * at} for key, slam, at in keys]
     command.plot_growth(rows, tmp_path / "growth.png")
     assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")
+
+
+FAKE = """
+import json, sys
+name, seconds, *cases = sys.argv[1:]
+if name == "broken":
+    sys.exit("no such module")
+for case in cases:
+    num_envs, people = map(int, case.split("x"))
+    steps = {"ours": 300, "peer": 30 * num_envs, "odd": "many"}[name]
+    print(json.dumps({"num_envs": num_envs, "people": people, "steps": steps, "seconds": float(seconds)}))
+"""
+
+
+def test_peers_become_rows_or_say_why_they_are_skipped(tmp_path, monkeypatch):
+    monkeypatch.setattr(peers, "HOME", tmp_path)
+    (tmp_path / "fake.py").write_text(FAKE)
+    names = "ours", "peer", "odd", "broken", "missing"
+    table = {name: {"simulates": f"world of {name}", "cases": ["1x0", "4x2"]} for name in names}
+    (tmp_path / "missing" / "bin").mkdir(parents=True)
+    for program in ("pip", "python"):
+        (tmp_path / "missing" / "bin" / program).write_text("#!/bin/sh\necho 'no matching distribution' >&2\nexit 1\n")
+        (tmp_path / "missing" / "bin" / program).chmod(0o700)
+    table["missing"]["packages"] = ["missing==1.0", "torch=={torch}"]
+    rows = peers.compare({**table, "named": {"skipped": "not in a registry"}}, 0.1, 2, tmp_path / "fake.py")
+    measured = [[row[key] for key in ("simulator", "sub-environments", "people", "steps/s")] for row in rows[:4]]
+    assert measured == [["ours", 1, 0, 3000], ["peer", 1, 0, 300], ["ours", 4, 2, 3000], ["peer", 4, 2, 1200]]
+    assert [row["ratio"] for row in rows[:4]] == pytest.approx([1.0, 0.1, 1.0, 0.4])
+    reasons = {row["simulator"]: row["simulates"] for row in rows[4:]}
+    assert reasons.pop("odd").startswith('skipped: unreadable output \'{"num_envs": 1,')
+    assert reasons == {
+        "named": "skipped: not in a registry",
+        "broken": "skipped: no such module",
+        "missing": "skipped: no matching distribution",
+    }
