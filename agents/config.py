@@ -92,6 +92,9 @@ class TrajectoryNetworkConfig(Section):
     """Number of learned features per candidate command."""
     hidden: Width = 64
     """Width of the hidden layers of the value function."""
+    prior: float = Field(default=0.0, ge=0, le=1000)
+    """Initial weight of progress towards the goal or along the path in the logits of commands. Untrained policies
+    follow the path with large values; 0 is the uniform distribution."""
 
 
 class DecisionNetworkConfig(Section):

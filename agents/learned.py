@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from lidarnaut.agents.frontiers.score import (
+    PRETRAINED,
     RECORD_FILE,
     WEIGHTS_FILE,
     FrontierScore,
@@ -16,7 +17,6 @@ from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
 from lidarnaut.baselines.policy import Explorer, ObservationPolicy
 from lidarnaut.envs.files import read_bytes
 
-PRETRAINED = Path(__file__).with_name("pretrained")
 POLICY = "policy"
 
 

@@ -110,10 +110,9 @@ def _applicable(recipe: Mapping[str, Any], own: Mapping[str, Any], fixed: Mappin
             kept |= {key: min(kept[key], most) for key, most in OFF_POLICY.items()}
     network, observed = kept.get("network", {}), environment.get("observations", ())
     before = _network(network, {usual}, observed)
-    after = _network(network, kinds, seen := given.get("observations") or observed)
+    after = _network(network, kinds, given.get("observations") or observed)
     fits = before is after or (issubclass(before, NetworkConfig) and issubclass(after, NetworkConfig))
-    follows = "plan" in seen and kinds & {"PPO", "A2C"}
-    allowed = set(after.model_fields if fits else ()) - (set() if follows else {"plan_prior"})
+    allowed = after.model_fields if fits else {}
     kept["network"] = {key: value for key, value in network.items() if key in allowed}
     return kept
 
@@ -121,8 +120,8 @@ def _applicable(recipe: Mapping[str, Any], own: Mapping[str, Any], fixed: Mappin
 def _network(network: Mapping[str, Any], kinds: set[str], observations: Any) -> type[BaseModel]:
     """Return the class of network settings for an algorithm, given the names of its base classes."""
     chooses = kinds & {"PPO", "A2C"}
-    if chooses and {"heads", "prior", "prior_policy"} & network.keys():
-        return DecisionNetworkConfig
     if chooses and "trajectories" in observations:
         return TrajectoryNetworkConfig
+    if chooses and {"heads", "prior", "prior_policy"} & network.keys():
+        return DecisionNetworkConfig
     return GaussianNetworkConfig if kinds & ON_POLICY else NetworkConfig

@@ -20,9 +20,13 @@ NEEDED = "trajectories", "motion", "limits"
 GOAL_SCALE = 10.0
 """Goal distance that the observation `goal` normalizes to 1 [m]. Also the distance assumed for goals beyond the
 observed point ahead on the path (`carrot`)."""
+ON_PATH = slice(2, 4)
+"""Indices of the direction to the point 0.6 m ahead on the path to the best frontier, in the observation `plan`."""
 LAST_ACTION = slice(2, 4)
 OWN_NUMBERS = 6
 """Number of additional features per twist, such as the decrease of the distance to the goal."""
+FACING = 0.5
+"""Weight of the final heading's alignment with the goal direction in the prior, relative to progress."""
 INITIAL_GAIN = 0.05
 """Gain of the orthogonal initialization of the last layer; small for nearly uniform probabilities."""
 
@@ -71,16 +75,17 @@ class TrajectoryNetwork(nn.Module):
 
     twists: Tensor
 
-    def __init__(self, observation_space: spaces.Dict, *, width: int, hidden: int) -> None:
+    def __init__(self, observation_space: spaces.Dict, *, width: int, hidden: int, prior: float = 0.0) -> None:
         """Build the layers; raise ValueError if a required observation is missing.
 
-        `width`: number of learned features per twist. `hidden`: width of the value layers.
+        `width`: number of learned features per twist. `hidden`: width of the value layers. `prior`: initial weight of
+        the decrease of the goal distance in the logits.
         """
         super().__init__()
         names = set(observation_space.spaces)
-        if not {*NEEDED} <= names or not names & {"goal", "carrot"}:
+        if not {*NEEDED} <= names or not names & {"goal", "carrot", "plan"}:
             raise ValueError(
-                f"the trajectory network requires {list(NEEDED)} and `goal` or `carrot`, but the "
+                f"the trajectory network requires {list(NEEDED)} and `goal`, `carrot` or `plan`, but the "
                 f"observation space has {sorted(names)}"
             )
         self.register_buffer("twists", torch.from_numpy(TWISTS))
@@ -95,6 +100,8 @@ class TrajectoryNetwork(nn.Module):
         )
         nn.init.orthogonal_(self.rate[-1].weight, INITIAL_GAIN)  # type: ignore[arg-type]
         nn.init.zeros_(self.add.weight)
+        with torch.no_grad():
+            self.add.weight[0, NUMBERS : NUMBERS + 2] = prior * torch.tensor([1.0, FACING])
 
     def forward(self, observations: Tensors) -> tuple[Tensor, Tensor]:
         """Return logits of twists, shape (batch, 66), and state values, shape (batch, 1), float32."""
@@ -120,6 +127,8 @@ class TrajectoryNetwork(nn.Module):
         if "carrot" in observations:
             carrot = observations["carrot"]
             goal = torch.where(carrot[:, 2:] < 1.0, AHEAD * carrot[:, 2:], GOAL_SCALE) * carrot[:, :2]
+        elif "plan" in observations:
+            goal = GOAL_SCALE * observations["plan"][:, ON_PATH]
         else:
             goal = GOAL_SCALE * observations["goal"][:, :1] * observations["goal"][:, 1:3]
         return goal / (SPEED_RANGE * observations["limits"][:, :1])
@@ -136,9 +145,10 @@ class TrajectoryPolicy(JointPolicy):
         *,
         width: int = 32,
         hidden: int = 64,
+        prior: float = 0.0,
         **arguments: Any,
     ) -> None:
-        self._sizes = {"width": width, "hidden": hidden}
+        self._sizes: dict[str, Any] = {"width": width, "hidden": hidden, "prior": prior}
         # required by the base class; has no weights
         arguments["features_extractor_class"] = FlattenExtractor
         super().__init__(observation_space, action_space, lr_schedule, **arguments)

@@ -42,6 +42,22 @@ def test_the_plan_points_into_the_unknown_in_the_robots_frame(turn):
     assert best[7] > 0.2
 
 
+def rate_farthest():
+    return lambda navigator, belief: navigator.candidates["cost"]
+
+
+@pytest.mark.parametrize("rating", [rate_farthest, "tests.test_plan:rate_farthest"])
+def test_frontiers_are_ordered_by_a_rating_of_ones_own(rating):
+    costs = []
+    for part in ({}, {"rating": rating}):
+        env = LidarEnv(Explore, **ROOMS | {"observations": {"plan": part}})
+        rows = env.reset(seed=3)[0]["plan"].reshape(-1, 9)
+        costs.append(rows[rows[:, 8] == 1.0, 6])
+    assert len(costs[0]) >= 2
+    assert (np.diff(costs[1]) <= 0).all()
+    assert costs[1][0] > costs[0][0]
+
+
 def drive(env, steps, seed):
     observation, _ = env.reset(seed=seed)
     for _ in range(steps):

@@ -10,7 +10,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.baselines.frontier.pursuit_explorer import PursuitDriving
+from lidarnaut.baselines.frontier.pursuit_explorer import PURSUIT_PERIOD, PursuitDriving
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.frontier.rules import nearest
 from lidarnaut.envs.estimation import Belief
@@ -25,6 +25,7 @@ WEIGHTS_FILE, RECORD_FILE = "weights.safetensors", "policy.json"
 FAILURE_PENALTY = 1e3
 """Penalty on the score of a frontier after a failed drive to it."""
 MAX_CANDIDATES = 48
+PRETRAINED = Path(__file__).parents[1] / "pretrained"
 
 
 class FrontierScore:
@@ -74,6 +75,32 @@ class FrontierScore:
             raise CheckpointError(f"{folder} holds no readable frontier score: {printable(error)}") from error
 
 
+class ScoreRating:
+    """Rating of all reachable frontiers by a score, for `ScoreExplorer` and the observation `Plan`."""
+
+    def __init__(self, score: FrontierScore) -> None:
+        self.score, size = score, MAX_CANDIDATES
+        self._observation: dict[str, np.ndarray] = {
+            "candidates": np.zeros((size, len(FEATURES)), dtype=np.float32),
+            "sectors": np.zeros((size, 2 * NUM_SECTORS), dtype=np.float32),
+            "gaps": np.zeros((size, size), dtype=np.float32),
+            "action_mask": np.zeros(size, dtype=np.int8),
+        }
+
+    def __call__(self, navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
+        """Return the scores of the navigator's k <= MAX_CANDIDATES candidates, shape (k,), float64."""
+        seen = self._observation
+        navigator.write_features(belief.pose, seen["candidates"], seen["sectors"], seen["gaps"])
+        seen["robot"] = robot_features(navigator.robot)
+        seen["action_mask"][:] = np.arange(MAX_CANDIDATES) < len(navigator.candidates)
+        return self.score.rate(seen)[1]
+
+
+def pretrained_rating() -> ScoreRating:
+    """Return the rating of `learned:pretrained/frontiers`."""
+    return ScoreRating(FrontierScore.load(PRETRAINED / "frontiers"))
+
+
 class ScoreExplorer(RuleExplorer):
     """Explorer that drives to the frontier with the highest score, reselected every four seconds.
 
@@ -82,25 +109,15 @@ class ScoreExplorer(RuleExplorer):
 
     def __init__(self, score: FrontierScore) -> None:
         super().__init__(nearest, max_candidates=MAX_CANDIDATES)
-        self.score = score
-        size = MAX_CANDIDATES
-        self._observation: dict[str, np.ndarray] = {
-            "candidates": np.zeros((size, len(FEATURES)), dtype=np.float32),
-            "sectors": np.zeros((size, 2 * NUM_SECTORS), dtype=np.float32),
-            "gaps": np.zeros((size, size), dtype=np.float32),
-            "action_mask": np.zeros(size, dtype=np.int8),
-        }
-
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        super().reset(robot, control_period, rng)
-        self._observation["robot"] = robot_features(robot)
+        self._rating = ScoreRating(score)
 
     def rate(self, navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
-        seen = self._observation
-        navigator.write_features(belief.pose, seen["candidates"], seen["sectors"], seen["gaps"])
-        seen["action_mask"][:] = np.arange(MAX_CANDIDATES) < len(navigator.candidates)
-        return self.score.rate(seen)[1]
+        return self._rating(navigator, belief)
 
 
 class PursuitScoreExplorer(PursuitDriving, ScoreExplorer):
-    """Explorer that selects frontiers like `ScoreExplorer`, and steers to a point ahead on the path (pursuit)."""
+    """Explorer that selects frontiers like `ScoreExplorer`, each second, and steers to a point ahead on the path."""
+
+    def __init__(self, score: FrontierScore) -> None:
+        super().__init__(score)
+        self.max_time = PURSUIT_PERIOD

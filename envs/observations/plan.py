@@ -1,11 +1,13 @@
 """Observation of planned paths to the best frontiers."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numba import njit
 
 from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.files import load_object
 from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost
 from lidarnaut.envs.navigation.candidates import HALF_AREA, HALF_COST
 from lidarnaut.envs.navigation.regulated_pursuit import nearest_index
@@ -16,6 +18,8 @@ from lidarnaut.envs.task import BoxPart
 LOOKAHEADS = (0.3, 0.6, 1.5)
 """Lookahead distances along a path [m]."""
 WIDTH = 2 * len(LOOKAHEADS) + 3
+Rating = Callable[[FrontierNavigator, Belief], np.ndarray]
+"""Function that returns a score for each candidate of a navigator, shape (k,), float64, k >= 0."""
 WINDOW = 60
 """The path point nearest to the robot is searched among this number of points, beginning at the last nearest point."""
 
@@ -39,10 +43,15 @@ def look_ahead(path, first, pose, distances, out):
     return nearest
 
 
+def rate_by_rule(navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
+    """Rate candidates by the rule `gain_over_cost`."""
+    return GainOverCost()(navigator.candidates, belief)
+
+
 class Plan(BoxPart):
     """Observation of planned paths to the best frontiers: `Box(-1, 1, (9 * num_candidates,), float32)`.
 
-    Features of each frontier, best first by `gain_over_cost`: cosine and sine of the directions, robot frame, to points
+    Features of each frontier, best first by its rating: cosine and sine of the directions, robot frame, to points
     0.3 m, 0.6 m and 1.5 m ahead on the path; path cost as x / (x + 5 m); visible unknown area as x / (x + 10 m2); and a
     presence flag, 1. Missing frontiers are all 0.
 
@@ -50,14 +59,26 @@ class Plan(BoxPart):
     after a visit or are unreachable are excluded. Call `write` after every control period.
     """
 
-    def __init__(self, detection_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:
-        """Set the time between frontier detections [s], and the maximum numbers of frontiers observed and evaluated."""
+    def __init__(
+        self,
+        detection_time: float = 1.0,
+        num_candidates: int = 3,
+        max_candidates: int = 48,
+        rating: str | Callable[[], Rating] = lambda: rate_by_rule,
+    ) -> None:
+        """Create the observation.
+
+        `detection_time`: time between frontier detections [s]. `num_candidates`, `max_candidates`: maximum numbers of
+        frontiers observed and evaluated. `rating`: function that returns a rating of frontiers, `gain_over_cost` by
+        default; or its name, such as "lidarnaut.agents.frontiers.score:pretrained_rating".
+        """
         if not detection_time > 0 or not 0 < num_candidates <= max_candidates:
             raise ValueError(
                 "plan needs a positive detection_time and 0 < num_candidates <= max_candidates, got "
                 f"{detection_time!r}, {num_candidates!r} and {max_candidates!r}"
             )
         self._detection_time, self._num, self._max = detection_time, num_candidates, max_candidates
+        self._rate: Rating = (load_object(rating) if isinstance(rating, str) else rating)()
         self.size = WIDTH * num_candidates
         self._detections: dict[Robot, _Detection] = {}
 
@@ -65,7 +86,7 @@ class Plan(BoxPart):
         navigator = FrontierNavigator(
             robot.params, robot.control_period, max_candidates=self._max, max_time=self._detection_time
         )
-        self._detections[robot] = _Detection(robot, navigator, self._num)
+        self._detections[robot] = _Detection(robot, navigator, self._num, self._rate)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         detection = self._detections[robot]
@@ -74,8 +95,8 @@ class Plan(BoxPart):
 
 
 class _Detection:
-    def __init__(self, robot: Robot, navigator: FrontierNavigator, num: int) -> None:
-        self._navigator, self._num, self._reading = navigator, num, robot.reading
+    def __init__(self, robot: Robot, navigator: FrontierNavigator, num: int, rate: Rating) -> None:
+        self._navigator, self._num, self._rate, self._reading = navigator, num, rate, robot.reading
         self._paths: list[np.ndarray] = []
         navigator.begin(robot.reading, robot.belief)
         self._choose(robot.belief)
@@ -104,7 +125,7 @@ class _Detection:
 
     def _choose(self, belief: Belief) -> None:
         navigator, candidates = self._navigator, self._navigator.candidates
-        best = np.argsort(-GainOverCost()(candidates, belief), kind="stable")[: self._num].tolist()
+        best = np.argsort(-self._rate(navigator, belief), kind="stable")[: self._num].tolist()
         # The frontier lies beyond the viewpoint at the path's end.
         self._paths = [np.vstack([navigator.path_to(k), candidates["frontier"][k]]) for k in best]
         self._nearest = [0] * len(best)

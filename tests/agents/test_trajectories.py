@@ -7,8 +7,10 @@ from stable_baselines3.common.utils import ConstantSchedule
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.training import train
 from lidarnaut.agents.trajectories import TrajectoryNetwork, TrajectoryPolicy, TwistChoice
+from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.files import parse_record
 from lidarnaut.envs.observations.trajectories import NUMBERS, TWISTS
+from lidarnaut.envs.tasks.explore import Explore
 
 TABLE = torch.from_numpy(TWISTS)
 ACTIONS = spaces.Box(-1.0, 1.0, (2,))
@@ -36,7 +38,9 @@ def test_samples_are_twists_and_have_the_probabilities_of_their_logits():
     assert (torch.cdist(choice.sample(), TABLE).amin(dim=1) == 0).all()
 
 
-@pytest.mark.parametrize(("name", "box"), [("goal", GOAL), ("carrot", spaces.Box(-1.0, 1.0, (3,)))])
+@pytest.mark.parametrize(
+    ("name", "box"), [("goal", GOAL), ("carrot", spaces.Box(-1.0, 1.0, (3,))), ("plan", spaces.Box(-1.0, 1.0, (27,)))]
+)
 def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(name, box):
     space = spaces.Dict(PARTS | {name: box})
     network = TrajectoryNetwork(space, width=8, hidden=8)
@@ -54,8 +58,25 @@ def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(name, box):
 
 
 def test_observations_that_are_missing_are_named():
-    with pytest.raises(ValueError, match=r"requires \['trajectories', 'motion', 'limits'\] and `goal` or `carrot`"):
+    with pytest.raises(
+        ValueError, match=r"requires \['trajectories', 'motion', 'limits'\] and `goal`, `carrot` or `plan`"
+    ):
         TrajectoryNetwork(spaces.Dict(PARTS), width=8, hidden=8)
+
+
+def test_an_untrained_network_with_a_prior_explores_along_the_plan():
+    parts = ("trajectories", "motion", "limits", "plan")
+    room = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "slam": "truth", "control_hz": 5.0}
+    env = LidarEnv(Explore, **room, observations=parts, target_coverage=0.9)
+    torch.manual_seed(0)
+    network = TrajectoryNetwork(env.observation_space, width=8, hidden=8, prior=20.0)
+    observation, _ = env.reset(seed=0)
+    terminated = truncated = False
+    while not (terminated or truncated):
+        with torch.no_grad():
+            logits, _ = network({name: torch.from_numpy(part)[None] for name, part in observation.items()})
+        observation, _, terminated, truncated, info = env.step(TWISTS[int(logits.argmax())])
+    assert info["end_reason"] == "covered"
 
 
 def test_a_policy_acts_by_twists_of_the_table():
