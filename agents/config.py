@@ -93,8 +93,9 @@ class TrajectoryNetworkConfig(Section):
     hidden: Width = 64
     """Width of the hidden layers of the value function."""
     prior: float = Field(default=0.0, ge=0, le=1000)
-    """Initial weight of progress towards the goal or along the path in the logits of commands. Untrained policies
-    follow the path with large values; 0 is the uniform distribution."""
+    """Initial weight of progress towards the goal or along the path in the logits of commands, with weights of contacts
+    and gaps relative to it. With large values, the untrained policy follows the path past obstacles; with 0, it chooses
+    at random."""
 
 
 class DecisionNetworkConfig(Section):

@@ -25,8 +25,9 @@ ON_PATH = slice(2, 4)
 LAST_ACTION = slice(2, 4)
 OWN_NUMBERS = 6
 """Number of additional features per twist, such as the decrease of the distance to the goal."""
-FACING = 0.5
-"""Weight of the final heading's alignment with the goal direction in the prior, relative to progress."""
+PRIOR = {0: 0.5, 7: 1.0, NUMBERS: 1.0, NUMBERS + 1: 0.5}
+"""Initial weights of features of a twist in its logit, relative to `prior`: time to contact with a wall, minimum gap,
+progress, and final heading; as in the dynamic window approach (Fox, Burgard and Thrun, 1997)."""
 INITIAL_GAIN = 0.05
 """Gain of the orthogonal initialization of the last layer; small for nearly uniform probabilities."""
 
@@ -79,7 +80,7 @@ class TrajectoryNetwork(nn.Module):
         """Build the layers; raise ValueError if a required observation is missing.
 
         `width`: number of learned features per twist. `hidden`: width of the value layers. `prior`: initial weight of
-        the decrease of the goal distance in the logits.
+        progress towards the goal in the logits; weights of further features are relative to it (`PRIOR`).
         """
         super().__init__()
         names = set(observation_space.spaces)
@@ -101,7 +102,7 @@ class TrajectoryNetwork(nn.Module):
         nn.init.orthogonal_(self.rate[-1].weight, INITIAL_GAIN)  # type: ignore[arg-type]
         nn.init.zeros_(self.add.weight)
         with torch.no_grad():
-            self.add.weight[0, NUMBERS : NUMBERS + 2] = prior * torch.tensor([1.0, FACING])
+            self.add.weight[0, [*PRIOR]] = prior * torch.tensor([*PRIOR.values()])
 
     def forward(self, observations: Tensors) -> tuple[Tensor, Tensor]:
         """Return logits of twists, shape (batch, 66), and state values, shape (batch, 1), float32."""
