@@ -14,6 +14,7 @@ _EXTRACTORS = ("CombinedExtractor", "FlattenExtractor", "NatureCNN")
 _OPTIMIZERS = ("Adam", "AdamW", "RAdam", "RMSprop", "SGD")
 REGISTERED = {
     *(f"{_TASKS}:{name}" for name in ("training_world", "sized_training_world")),
+    "lidarnaut.agents.frontiers.score:pretrained_rating",
     *(f"{_ROBOTS}:{name}" for name in ("SEES_AHEAD", "SEES_AROUND", "SLOW_SEES_AROUND", "SMALL_SEES_AROUND")),
     *(f"torch.nn:{name}" for name in _ACTIVATIONS),
     *(f"torch.optim:{name}" for name in _OPTIMIZERS),
