@@ -10,7 +10,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.baselines.frontier.pursuit_explorer import PURSUIT_PERIOD, PursuitDriving
+from lidarnaut.baselines.frontier.pursuit_explorer import PursuitDriving
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.frontier.rules import nearest
 from lidarnaut.envs.estimation import Belief
@@ -79,7 +79,7 @@ class ScoreRating:
     """Rating of all reachable frontiers by a score, for `ScoreExplorer` and the observation `Plan`."""
 
     def __init__(self, score: FrontierScore) -> None:
-        self.score, size = score, MAX_CANDIDATES
+        self._score, size = score, MAX_CANDIDATES
         self._observation: dict[str, np.ndarray] = {
             "candidates": np.zeros((size, len(FEATURES)), dtype=np.float32),
             "sectors": np.zeros((size, 2 * NUM_SECTORS), dtype=np.float32),
@@ -93,7 +93,7 @@ class ScoreRating:
         navigator.write_features(belief.pose, seen["candidates"], seen["sectors"], seen["gaps"])
         seen["robot"] = robot_features(navigator.robot)
         seen["action_mask"][:] = np.arange(MAX_CANDIDATES) < len(navigator.candidates)
-        return self.score.rate(seen)[1]
+        return self._score.rate(seen)[1]
 
 
 def pretrained_rating() -> ScoreRating:
@@ -109,15 +109,11 @@ class ScoreExplorer(RuleExplorer):
 
     def __init__(self, score: FrontierScore) -> None:
         super().__init__(nearest, max_candidates=MAX_CANDIDATES)
-        self._rating = ScoreRating(score)
+        self.score, self._rating = score, ScoreRating(score)
 
     def rate(self, navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
         return self._rating(navigator, belief)
 
 
 class PursuitScoreExplorer(PursuitDriving, ScoreExplorer):
-    """Explorer that selects frontiers like `ScoreExplorer`, each second, and steers to a point ahead on the path."""
-
-    def __init__(self, score: FrontierScore) -> None:
-        super().__init__(score)
-        self.max_time = PURSUIT_PERIOD
+    """Explorer that selects frontiers like `ScoreExplorer`, and steers to a point ahead on the path (pursuit)."""

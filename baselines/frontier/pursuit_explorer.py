@@ -11,8 +11,6 @@ from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost, free_dist
 from lidarnaut.envs.observations.plan import LOOKAHEADS, look_ahead
 from lidarnaut.envs.simulation import Reading, Twist
 
-PURSUIT_PERIOD = 1.0
-"""Time between choices of a frontier [s]."""
 TURN = 1.2
 """Proportional gain of the heading controller: yaw rate / maximum yaw rate, per heading error [1/rad]."""
 
@@ -34,7 +32,7 @@ class PursuitExplorer(PursuitDriving):
     """Chooses frontiers by unknown area divided by path cost, and does not slow down in bends."""
 
     def __init__(self) -> None:
-        super().__init__(GainOverCost(), max_time=PURSUIT_PERIOD)
+        super().__init__(GainOverCost(), max_time=1.0)
 
 
 def pursue(frontiers: FrontierNavigator, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
