@@ -58,6 +58,8 @@ def make_vector(
     entry, mode = load_env_creator(entry) if isinstance(entry, str) else entry, config.vectorization
     settings: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
     variants: list[dict[str, Any]] = [{"robot": robot} for robot in config.robots] or [{}]
+    if len(variants) > num_envs:
+        raise ValueError(f"num_envs is {num_envs}, fewer than the {len(variants)} robots of environment.robots")
     if mode == "native" and (spec.additional_wrappers or (isinstance(entry, type) and not hasattr(entry, "outcome"))):
         mode = "sync"  # native workers support no wrappers
     if mode != "sync":

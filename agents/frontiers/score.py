@@ -88,11 +88,13 @@ class ScoreRating:
         }
 
     def __call__(self, navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
-        """Return the scores of the navigator's k <= MAX_CANDIDATES candidates, shape (k,), float64."""
-        seen = self._observation
+        """Return the scores of the navigator's k <= MAX_CANDIDATES candidates, shape (k,), float64; else ValueError."""
+        seen, count = self._observation, len(navigator.candidates)
+        if count > MAX_CANDIDATES:
+            raise ValueError(f"max_candidates must be at most {MAX_CANDIDATES} with a score, got {count} candidates")
         navigator.write_features(belief.pose, seen["candidates"], seen["sectors"], seen["gaps"])
         seen["robot"] = robot_features(navigator.robot)
-        seen["action_mask"][:] = np.arange(MAX_CANDIDATES) < len(navigator.candidates)
+        seen["action_mask"][:] = np.arange(MAX_CANDIDATES) < count
         return self._score.rate(seen)[1]
 
 

@@ -210,8 +210,11 @@ def test_robots_that_cannot_be_trained_together_are_refused():
     environment = {"robots": ("turtlebot3_burger", "jackal"), "world": "rooms", "num_workers": 0}
     with pytest.raises(ValueError, match=r"variants: {'robot': 'jackal'} has observations or actions unlike"):
         make_vec_env(TrainingConfig(**config, environment=environment))
-    with pytest.raises(ValueError, match=r"variants must be 1 to num_envs \(1\), got 2"):
-        make_vec_env(TrainingConfig(**{**config, "num_envs": 1}, environment=environment))
+    for mode in ("native", "sync"):
+        with pytest.raises(ValueError, match="num_envs is 1, fewer than the 2 robots"):
+            make_vec_env(
+                TrainingConfig(**{**config, "num_envs": 1}, environment={**environment, "vectorization": mode})
+            )
 
 
 class Standing:

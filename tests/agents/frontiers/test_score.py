@@ -1,11 +1,19 @@
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import safetensors.numpy
 
 from lidarnaut.agents.frontiers.features import NAMES, NEAREST, NUM_FEATURES, PRIOR, score_features
-from lidarnaut.agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore, ScoreExplorer
+from lidarnaut.agents.frontiers.score import (
+    MAX_CANDIDATES,
+    RECORD_FILE,
+    WEIGHTS_FILE,
+    FrontierScore,
+    ScoreExplorer,
+    pretrained_rating,
+)
 from lidarnaut.agents.learned import find_policy, load_policy
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines import make_explorer
@@ -109,3 +117,9 @@ def test_explorers_of_scores_explore_and_that_of_the_prior_as_the_rule_does(name
     if name == "prior":
         classic = run_episode(env, make_explorer("gain_over_cost"), 3)
         assert (episode.time_to_95, episode.path_length) == (classic.time_to_95, classic.path_length)
+
+
+def test_more_candidates_than_a_score_rates_are_refused():
+    navigator = SimpleNamespace(candidates=range(MAX_CANDIDATES + 1))
+    with pytest.raises(ValueError, match="max_candidates must be at most 48 with a score, got 49 candidates"):
+        pretrained_rating()(navigator, None)
