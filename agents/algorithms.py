@@ -34,7 +34,6 @@ from lidarnaut.agents.frontiers.score import FrontierScore
 from lidarnaut.agents.hyperparameters import check_hyperparameter
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
-from lidarnaut.agents.plan_prior import PlanPriorPolicy
 from lidarnaut.agents.threads import split_batches
 from lidarnaut.agents.trajectories import TrajectoryPolicy
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, Observations
@@ -292,10 +291,6 @@ def _arguments(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.
         }
     if isinstance(network, GaussianNetworkConfig):
         own["log_std_init"] = network.log_std
-        if network.plan_prior:
-            if not issubclass(algorithm, PPO | A2C):
-                raise ValueError(f"network.plan_prior is for PPO and A2C, not for {config.algorithm}")
-            policy, own = PlanPriorPolicy, {**own, "weight": network.plan_prior}
     return {**arguments, "policy": policy, "policy_kwargs": own | arguments.get("policy_kwargs", {})}
 
 

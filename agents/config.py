@@ -80,9 +80,6 @@ class GaussianNetworkConfig(NetworkConfig):
     limits."""
     speed: float = Field(default=0.0, ge=-1, le=1)
     """Initial mean forward speed, divided by the robot's maximum. Driving forward helps early exploration."""
-    plan_prior: float = Field(default=0.0, ge=0, le=1)
-    """Weight of a path-following command in the mean action. Requires the observation `plan`; 0 disables path
-    following."""
 
 
 class TrajectoryNetworkConfig(Section):

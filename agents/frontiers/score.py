@@ -118,4 +118,8 @@ class ScoreExplorer(RuleExplorer):
 
 
 class PursuitScoreExplorer(PursuitDriving, ScoreExplorer):
-    """Explorer that selects frontiers like `ScoreExplorer`, and steers to a point ahead on the path (pursuit)."""
+    """Explorer that selects frontiers like `ScoreExplorer`, each second, and steers to a point ahead on the path."""
+
+    def __init__(self, score: FrontierScore) -> None:
+        super().__init__(score)
+        self.max_time = 1.0

@@ -125,7 +125,10 @@ class _Detection:
 
     def _choose(self, belief: Belief) -> None:
         navigator, candidates = self._navigator, self._navigator.candidates
-        best = np.argsort(-self._rate(navigator, belief), kind="stable")[: self._num].tolist()
+        scores = np.asarray(self._rate(navigator, belief))
+        if scores.shape != (len(candidates),):
+            raise ValueError(f"rating of plan must return {len(candidates)} scores, got shape {scores.shape}")
+        best = np.argsort(-scores, kind="stable")[: self._num].tolist()
         # The frontier lies beyond the viewpoint at the path's end.
         self._paths = [np.vstack([navigator.path_to(k), candidates["frontier"][k]]) for k in best]
         self._nearest = [0] * len(best)

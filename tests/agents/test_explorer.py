@@ -1,5 +1,3 @@
-import math
-from pathlib import Path
 from types import SimpleNamespace
 
 import gymnasium
@@ -14,7 +12,6 @@ from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import find_policy
-from lidarnaut.agents.plan_prior import BACK, SPIN, TURN, pursue
 from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.training import train
@@ -22,7 +19,7 @@ from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_env, make_vector
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
-from lidarnaut.envs.files import parse_record, read_mapping
+from lidarnaut.envs.files import parse_record
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.robots import load_robot
 from tests.agents.fake_env import BEAMS
@@ -68,18 +65,25 @@ def test_what_does_not_fit_is_reported(tiny_run, env):
         explorer(observation)
 
 
-def test_scans_of_other_lidars_are_shown_as_that_of_the_training():
+ROOMS = {"world": "rooms", "world_size": [7, 7], "control_hz": 5.0, "target_coverage": 0.95, "num_workers": 0}
+ROOMS |= {"id": "lidarnaut/Explore-v0"}
+
+
+def test_scans_of_other_lidars_are_shown_as_that_of_the_training(tmp_path):
+    trained = "turtlebot3_waffle_pi"
+    environment = {**ROOMS, "robot": trained, "observations": ["scan", "motion"]}
+    run = train(tiny("PPO", "Explore", environment=environment), run=tmp_path / "run", progress=False)
+
     def act(name, distance):
-        explorer, robot = LearnedPolicy.load(find_policy("pretrained/twist")), load_robot(name)
+        explorer, robot = LearnedPolicy.load(run, trust="tests"), load_robot(name)
         explorer.reset(robot, 0.2, np.random.default_rng(0))
         bearings = wrap_angle(robot.lidar.angles + robot.lidar.mount.yaw)
         ranges = np.where(np.abs(bearings) < 0.5, distance, np.inf)
         scan = np.minimum(ranges / robot.lidar.range_max, 1.0).astype(np.float32)
-        return explorer({"scan": scan, "motion": np.zeros(6, np.float32), "plan": np.zeros(27, np.float32)})
+        return explorer({"scan": scan, "motion": np.zeros(6, np.float32)})
 
-    trained = "turtlebot3_waffle_pi"
-    assert act("create3", 0.4) == pytest.approx(act(trained, 0.4), abs=0.005)
-    assert act(trained, 0.4) != pytest.approx(act(trained, np.inf), abs=0.005)
+    assert act("create3", 0.4) == pytest.approx(act(trained, 0.4), abs=0.002)
+    assert act(trained, 0.4) != pytest.approx(act(trained, np.inf), abs=0.002)
 
 
 def test_an_untrained_policy_drives_ahead_as_configured(tiny_config):
@@ -88,70 +92,30 @@ def test_an_untrained_policy_drives_ahead_as_configured(tiny_config):
     assert Actor(model.policy)(vector.reset())[0] == pytest.approx([0.6, 0.0], abs=0.1)
 
 
-ROOMS = {"world": "rooms", "world_size": [7, 7], "control_hz": 5.0, "target_coverage": 0.95, "num_workers": 0}
-ROOMS |= {"id": "lidarnaut/Explore-v0", "observations": ["scan", "motion", "plan"]}
-LONGER = {"hyperparameters": {"n_steps": 32, "batch_size": 32}, "checkpoints": {"every": 64}}
-PURSUING = tiny("PPO", "Explore", environment=ROOMS, network={"plan_prior": 1.0}, **LONGER)
-
-
-def plan_of(angle, *, present=1.0):
-    plan = torch.zeros(1, 27)
-    plan[0, :2], plan[0, 8] = torch.tensor([math.cos(angle), math.sin(angle)]) * present, present
-    return plan
-
-
-@pytest.mark.parametrize(
-    ("plan", "bumper", "twist"),
-    [
-        (plan_of(0.0), 0.0, (1.0, 0.0)),
-        (plan_of(0.5), 0.0, (math.cos(0.5), 0.5 * TURN)),
-        (plan_of(-0.5), 0.0, (math.cos(0.5), -0.5 * TURN)),
-        (plan_of(2.5), 0.0, (0.0, 1.0)),
-        (plan_of(0.5), 1.0, (BACK, 0.5 * TURN)),
-        (plan_of(0.0, present=0.0), 0.0, (0.0, SPIN)),
-    ],
-)
-def test_pursuit_turns_to_the_path_backs_up_in_contact_and_looks_around_without_a_path(plan, bumper, twist):
-    motion = torch.tensor([[0.5, 0.5, 0.5, 0.5, bumper, 0.5]])
-    assert pursue(plan, motion)[0].tolist() == pytest.approx(twist, abs=1e-6)
-
-
-def test_an_untrained_policy_follows_the_plan_and_learns_beside_it():
-    env = GymnasiumVecEnv(make_vector(PURSUING.environment, "train", 2))
-    model = build_model(PURSUING, env)
-    observations = env.reset()
-    followed = pursue(torch.as_tensor(observations["plan"]), torch.as_tensor(observations["motion"])).numpy()
-    np.testing.assert_allclose(Actor(model.policy)(observations), followed, atol=0.1)
-    before = {name: weight.clone() for name, weight in model.policy.state_dict().items()}
-    model.learn(64)
-    after = model.policy.state_dict()
-    assert all((after[name] != before[name]).any() for name in before if name.startswith("features_extractor.plan"))
-    env.close()
-
-
 def test_the_policy_of_the_package_explores_a_small_world_without_contact():
     driver = LearnedPolicy.load(find_policy("pretrained/twist"))
-    env = make_env(PURSUING.environment.model_copy(update={"robot": "turtlebot3_waffle_pi"}), "test")
+    env = gymnasium.make(
+        ROOMS["id"],
+        world="rooms",
+        world_size=(7, 7),
+        control_hz=5.0,
+        robot="turtlebot3_waffle_pi",
+        observations=driver.observations,
+    )
     episode = run_episode(env, driver, 0)
     assert episode.end_reason == "covered"
     assert episode.duration < 0.5 * episode.time_limit
-    assert episode.collisions <= 1
+    assert episode.collisions == 0
 
 
-def test_the_policy_of_the_package_was_trained_by_its_configuration():
-    merged, _ = with_recipe(read_mapping(Path(__file__).parents[2] / "configs" / "twist.yaml"))
-    config = parse_record(merged, "twist.yaml", TrainingConfig)
+def test_the_policy_of_the_package_was_trained_by_the_recipe():
+    data = {"experiment": "Explore-v0", "environment": {"id": "lidarnaut/Explore-v0"}}
+    config = parse_record(with_recipe(data)[0], "recipe", TrainingConfig)
     record = load_checkpoint(find_policy("pretrained/twist"), policy_only=True).record
-    # Name of the run and numbers of processes and threads have no effect on the training.
-    own = {"seed": 1, "experiment": record.config.experiment, "recipe": None, "evaluation": record.config.evaluation}
-    own["torch_threads"] = record.config.torch_threads
-    for name in ("environment", "hyperparameters", "network"):
-        was, now = dict(getattr(record.config, name)), dict(getattr(config, name))
-        # The run was saved with all values, and in an older form.
-        assert {key: was[key] for key in now} == now
-        own[name] = getattr(record.config, name)
+    # Seed, folder and number of threads have no effect on the settings; the network has been saved with its defaults.
+    own = {name: getattr(record.config, name) for name in ("seed", "experiment", "torch_threads", "network")}
     assert record.config == config.model_copy(update=own)
-    assert record.steps >= config.total_steps
+    assert record.config.network.items() >= config.network.items()
 
 
 def test_who_runs_a_policy_sees_what_its_evaluations_see(tmp_path):

@@ -129,15 +129,15 @@ def test_every_network_of_the_package_becomes_a_file(name, onnxruntime, tmp_path
 def test_the_metadata_are_enough_to_drive(onnxruntime, tmp_path):
     main("ppo:pretrained/twist", tmp_path / "twist.onnx")
     session, about = read(onnxruntime, tmp_path / "twist.onnx")
-    robot = load_robot("turtlebot3_waffle_pi")
+    robot = load_robot("turtlebot3_burger")
     for name in ("max_v", "max_w", "max_acc_v", "radius"):
         assert about["robot"][name] == getattr(robot, name)
     assert about["robot"]["lidar"]["num_beams"] == robot.lidar.num_beams
     assert about["control_period"] == 0.2
-    assert about["inputs"]["scan"].items() >= {"shape": [360], "dtype": "float32", "low": 0.0, "high": 1.0}.items()
-    assert "1 is no return" in about["inputs"]["scan"]["about"]
+    assert about["inputs"]["limits"].items() >= {"shape": [5], "dtype": "float32", "low": 0.0, "high": 1.0}.items()
+    assert "footprint radius / 0.5 m" in about["inputs"]["limits"]["about"]
     assert "yaw rate over robot.max_w" in about["action"]["about"]
-    assert (about["policy"], about["steps"]) == ("ppo:pretrained/twist", 602_112)
+    assert (about["policy"], about["steps"]) == ("ppo:pretrained/twist", 401_408)
     assert {"torch", "onnx", "lidarnaut"} <= about["versions"].keys()
     zeros = {name: np.zeros((5, *space["shape"]), space["dtype"]) for name, space in about["inputs"].items()}
     np.testing.assert_array_equal(*(session.run(["action"], zeros)[0][i] for i in (0, 4)))

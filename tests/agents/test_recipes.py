@@ -137,7 +137,7 @@ def test_network_keys_stay_as_far_as_the_network_accepts_them(id, changes, kept)
     own = merged(**data)
     assert own["network"].keys() == kept
     # What the user sets stays, and is an error where it does not fit.
-    assert merged(**data, network={"plan_prior": 1.0})["network"]["plan_prior"] == 1.0
+    assert merged(**data, network={"log_std": -1.0})["network"]["log_std"] == -1.0
 
 
 def test_null_chooses_no_recipe_and_a_name_another_one():

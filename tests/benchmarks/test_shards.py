@@ -140,7 +140,6 @@ def test_the_arena_of_the_project_covers_everything():
         "learned=learned:pretrained/frontiers",
         "learned_pursuit=pursuit:pretrained/frontiers",
         "twist=ppo:pretrained/twist",
-        "twist_untrained=lidarnaut.agents.plan_prior:PlanPursuit",
     }
     assert set(settings.slam_axis.slam) == set(SLAM_NAMES)
 

@@ -16,7 +16,7 @@ from lidarnaut.baselines import (
     TourParams,
     make_explorer,
 )
-from lidarnaut.baselines.episode import begin_episode, decide_with, run_episode
+from lidarnaut.baselines.episode import run_episode
 from lidarnaut.benchmarks.arena.policies import parse_policy
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
@@ -54,15 +54,6 @@ def test_pursuit_explores_and_touches_nothing(name):
         episode = explore(name, seed, **ROOMS)
         assert episode.explored_fraction >= 0.9
         assert episode.collisions == 0
-
-
-def test_pursuit_drives_as_the_policy_of_twists_does_before_its_training():
-    env = LidarEnv(Explore, **ROOMS, observations=("motion", "plan"))
-    policy = pytest.importorskip("lidarnaut.agents.plan_prior", exc_type=ImportError).PlanPursuit()
-    explorer = make_explorer("pursuit")
-    for seed in range(4):
-        observation, _ = begin_episode(env, explorer, seed, np.random.default_rng(seed))
-        assert decide_with(explorer, env)(observation) == pytest.approx(policy(observation), abs=0.02)
 
 
 def test_only_scores_of_frontiers_are_driven_by_pursuit():
