@@ -152,6 +152,6 @@ def test_a_policy_in_onnx_drives_without_torch(load, tmp_path):
     command = [sys.executable, "-c", code, str(tmp_path / "twist.onnx")]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     first, (explored, has_torch) = done.stdout.splitlines()[-2], done.stdout.splitlines()[-1].split()
-    assert first.startswith("turtlebot3_waffle_pi: ")
+    assert first.startswith("turtlebot3_burger: ")
     assert float(explored) > 0.1
     assert has_torch == "False"
