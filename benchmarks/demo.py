@@ -15,11 +15,11 @@ from rich.console import Console
 from lidarnaut.agents.config import TrainingConfig, change
 from lidarnaut.agents.curves import LEARNED_NAMES, draw_learning_curve, read_evaluations
 from lidarnaut.agents.curves import Row as CurveRow
+from lidarnaut.agents.policy_names import short
 from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.benchmarks.arena.episodes import Episodes
 from lidarnaut.benchmarks.arena.leaderboard import ranking_table
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Frame, Section, Table, to_html
-from lidarnaut.benchmarks.arena.policies import short
 from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.agents.frontiers.tasks import is_held_out
+from lidarnaut.agents.policy_names import is_bound
 from lidarnaut.agents.statistics import Estimate, estimate, gap_closed, success_rate
 from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.benchmarks.arena.measures import Measures, share_of
-from lidarnaut.benchmarks.arena.policies import is_bound
 from lidarnaut.envs.measures import Measure
 
 REFERENCES = ("dock", "boustrophedon", "nearest", "frontier", "pursuit", "rrt_team", "route_follower")

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from lidarnaut.agents.policy_names import is_bound, short
 from lidarnaut.agents.statistics import Estimate, paired_difference, paired_ratio, probability_of_improvement
 from lidarnaut.benchmarks.arena.episodes import Episodes, best_of, start_of
 from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.benchmarks.arena.measures import share_of
 from lidarnaut.benchmarks.arena.page import Cell, Section, Table
-from lidarnaut.benchmarks.arena.policies import is_bound, short
 from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lidarnaut.agents.policy_names import short
 from lidarnaut.agents.statistics import Estimate, performance_profile
 from lidarnaut.benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
 from lidarnaut.benchmarks.arena.evaluation_folder import Row
@@ -13,7 +14,6 @@ from lidarnaut.benchmarks.arena.leaderboard import measures_table, pairs_section
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table
 from lidarnaut.benchmarks.arena.plots import NUM_POINTS, draw_bands, draw_growth, render, sample_curves
-from lidarnaut.benchmarks.arena.policies import short
 from lidarnaut.benchmarks.arena.trace import (
     ProgressCurve,
     Trace,

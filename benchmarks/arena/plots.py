@@ -16,8 +16,8 @@ from matplotlib.patches import Circle
 from matplotlib.transforms import Affine2D
 from PIL import Image
 
+from lidarnaut.agents.policy_names import is_bound, short
 from lidarnaut.agents.statistics import Band, Estimate, curve_band
-from lidarnaut.benchmarks.arena.policies import is_bound, short
 from lidarnaut.benchmarks.arena.trace import ProgressCurve, Trace
 from lidarnaut.envs.rendering import style
 

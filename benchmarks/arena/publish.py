@@ -8,11 +8,11 @@ from typing import Any
 import yaml
 from rich.console import Console
 
+from lidarnaut.agents.policy_names import short
 from lidarnaut.benchmarks.arena import leaderboard, overview
 from lidarnaut.benchmarks.arena.episodes import Episodes, Summary
 from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key, write_csv
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
-from lidarnaut.benchmarks.arena.policies import short
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import estimator_of
 from lidarnaut.benchmarks.arena.verdict import verdict_section

@@ -11,6 +11,7 @@ from typing import Any
 
 from gymnasium import spaces
 
+from lidarnaut.agents.policy_names import Makers, Policy, is_bound, parse_policy
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.trust import named_code
 from lidarnaut.baselines import policies_for
@@ -18,7 +19,6 @@ from lidarnaut.baselines.episode import prepare
 from lidarnaut.baselines.policy import marked
 from lidarnaut.benchmarks.arena.evaluation_folder import Key, Records, Row, columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
-from lidarnaut.benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
 from lidarnaut.benchmarks.arena.settings import USUAL, Case, Settings
 from lidarnaut.benchmarks.arena.trace import episode_name, recording_path, trace_path
 from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Job, Result, explain_fault, run_all

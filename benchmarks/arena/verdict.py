@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 
+from lidarnaut.agents.policy_names import short
 from lidarnaut.agents.statistics import Estimate, paired_difference
 from lidarnaut.baselines import CLASSIC
 from lidarnaut.benchmarks.arena.episodes import Episodes
 from lidarnaut.benchmarks.arena.measures import texts
 from lidarnaut.benchmarks.arena.page import Figure, Section
 from lidarnaut.benchmarks.arena.plots import draw_values, render
-from lidarnaut.benchmarks.arena.policies import short
 from lidarnaut.envs.measures import Measure
 
 NUM_NAMED = 3

@@ -13,13 +13,13 @@ from typing import Any
 
 import gymnasium
 
+from lidarnaut.agents.policy_names import Policy, short
 from lidarnaut.agents.pools import make_pool
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines.episode import prepare, run_episode
 from lidarnaut.baselines.policy import Policy as Driver
 from lidarnaut.benchmarks.arena.evaluation_folder import Key, Row, columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
-from lidarnaut.benchmarks.arena.policies import Policy, short
 from lidarnaut.benchmarks.arena.settings import Case
 from lidarnaut.benchmarks.arena.trace import Recorder
 from lidarnaut.envs.command_line import show_log

@@ -21,8 +21,8 @@ import numpy as np
 import robot_keys
 from sphinx.application import Sphinx
 
+from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.benchmarks.arena.policies import parse_policy
 from lidarnaut.envs.player import EpisodeRecorder, build_page
 from lidarnaut.envs.worlds import load_world
 

@@ -14,9 +14,9 @@ from lidarnaut.agents.callbacks import MIN_ROLLOUTS
 from lidarnaut.agents.curves import curve_of, interval_of, read_evaluations, result_of
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import find_policy
+from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.agents.run_folder import BEST, CheckpointError, find_checkpoint, is_measured, list_checkpoints
 from lidarnaut.agents.training import train
-from lidarnaut.benchmarks.arena.policies import parse_policy
 from lidarnaut.envs.progress import Progress
 from tests.agents.test_training import changed
 

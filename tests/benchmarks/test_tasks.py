@@ -10,8 +10,8 @@ import gymnasium
 import numpy as np
 import pytest
 
+from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.baselines import policies_for
-from lidarnaut.benchmarks.arena.policies import parse_policy
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.envs.files import read_record
 from lidarnaut.envs.ids import arguments_of, find_spec

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines import (
     ExploreLite,
@@ -17,7 +18,6 @@ from lidarnaut.baselines import (
     make_explorer,
 )
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.benchmarks.arena.policies import parse_policy
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.navigation import GainOverCost

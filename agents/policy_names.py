@@ -124,6 +124,7 @@ def parse_policy(
 
 
 def make_changed(make: Callable[..., Any], changes: Mapping[str, Any]) -> Any:
+    """Return a policy with changed parameters by name; ValueError if one is unknown or not allowed."""
     pending = dict(changes)
     allowed: list[str] = []
 
