@@ -27,7 +27,7 @@ from lidarnaut.envs.rendering.scene import Scene, scene_of
 from lidarnaut.envs.robot import MAX_PERSON_GAP, REMEMBER_TRUE, GroundTruth, Robot, reset_robots
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.sensor import Measured, make_sensors
-from lidarnaut.envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
+from lidarnaut.envs.simulation import KinematicSimulator, Reading, Simulator, Twist, make_simulator
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
@@ -97,7 +97,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         task: Any,
         *,
         robot: str | RobotParams | None = None,
-        physics: str = "bullet",
+        physics: str | type[Simulator] = "bullet",
         control_hz: float = 10.0,
         time_limit: float | None = None,
         observations: Observations | None = None,
@@ -129,7 +129,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.robot = choose_robot(robot, getattr(self.task, "world", ""))
         """Nominal robot parameters; randomization changes only the simulated robot."""
         self.control_period = period = 1.0 / control_hz
-        self.task.attach(self.robot, period, physics)
+        self.task.attach(self.robot, period, physics if isinstance(physics, str) else physics.__name__)
         num_robots = self.task.num_robots
         self.simulator = make_simulator(physics, self.robot, period, num_robots, crowd_of(people))
         if people is not None:

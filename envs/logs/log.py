@@ -10,19 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from lidarnaut.envs.files import printable
-from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import LidarParams, Mount
 
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
 from .scans import Limits, LogContent, Scan, common_beams, usable_scans
-from .trajectory import MAX_SPEEDS, bridge_glitches, describe_jump_back, trajectory_errors
+from .trajectory import (
+    MAX_SPEEDS,
+    bridge_glitches,
+    describe_jump_back,
+    find_gaps,
+    interpolate_poses,
+)
 
 MAX_STEP = 100.0
 """Maximum odometry distance between successive scans of a valid log [m]."""
-MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
-"""Scans are dropped in odometry gaps that last longer than this time [s] while the robot moves farther than this [m,
-rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,13 +188,7 @@ def _interpolated(
     scans: list[Scan], times: np.ndarray, odometry: np.ndarray, of_all: str, notes: list[str]
 ) -> tuple[list[Scan], np.ndarray, np.ndarray, np.ndarray]:
     scan_times = np.array([scan.time for scan in scans])
-    after = np.searchsorted(times, scan_times)
-    outside = (scan_times < times[0]) | (scan_times > times[-1])
-    before, after = np.maximum(after - 1, 0), np.minimum(after, len(times) - 1)
-    motion = np.maximum(*trajectory_errors(odometry[after], odometry[before]))
-    in_gap = (
-        ~outside & (scan_times < times[after]) & (times[after] - times[before] > MAX_GAP) & (motion > MAX_GAP_MOTION)
-    )
+    outside, in_gap = find_gaps(times, odometry, scan_times)
     spans = [f"{each.min():.3f} to {each.max():.3f} s" for each in (scan_times, times)]
     if (outside | in_gap).all():
         raise ValueError(f"scans from {spans[0]} and odometry from {spans[1]} do not overlap")
@@ -202,10 +199,9 @@ def _interpolated(
     notes += [f"{is_out.sum()} {of_all}: {why}" for is_out, why in reasons if is_out.any()]
     inside = ~(outside | in_gap)
     every = np.union1d(times, scan_times[inside])
-    x, y, theta = (np.interp(every, times, column) for column in (*odometry.T[:2], np.unwrap(odometry[:, 2])))
     kept = [scan for scan, is_inside in zip(scans, inside.tolist()) if is_inside]
     rows = np.searchsorted(every, scan_times[inside])
-    return kept, every, np.stack([x, y, wrap_angle(theta)], axis=1), rows
+    return kept, every, interpolate_poses(times, odometry, every), rows
 
 
 def _read(scan: Scan, reaches_limit: bool) -> Scan:

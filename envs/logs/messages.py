@@ -43,13 +43,19 @@ def odometry(time: float, pose: Pose2D, twist: Twist) -> Any:
     return _make("nav_msgs/msg/Odometry", _header(time, ODOM), BASE, with_covariance, velocity)
 
 
-def transforms(time: float, map_odom: Pose2D, odom_base: Pose2D) -> Any:
-    """Return a `tf2_msgs/TFMessage` with the transforms map to odometry and odometry to base."""
-    edges = [
-        _transform(time, MAP, ODOM, Mount(map_odom.x, map_odom.y, yaw=map_odom.theta)),
-        _transform(time, ODOM, BASE, Mount(odom_base.x, odom_base.y, yaw=odom_base.theta)),
-    ]
-    return _make("tf2_msgs/msg/TFMessage", edges)
+def imu(time: float, yaw_rate: float) -> Any:
+    """Return a `sensor_msgs/Imu` with a yaw rate [rad/s]; orientation and acceleration are unknown (-1)."""
+    no_vector, unknown, zeros = _make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0), np.zeros(9), np.zeros(9)
+    unknown[0] = -1.0
+    rate = _make("geometry_msgs/msg/Vector3", 0.0, 0.0, yaw_rate)
+    parts = _quaternion(0.0), unknown, rate, zeros, no_vector, unknown
+    return _make("sensor_msgs/msg/Imu", _header(time, BASE_LINK), *parts)
+
+
+def transforms(time: float, *edges: tuple[str, str, Pose2D]) -> Any:
+    """Return a `tf2_msgs/TFMessage` of transforms: parent frame, child frame, and pose of the child in the parent."""
+    made = [_transform(time, parent, child, Mount(x, y, yaw=theta)) for parent, child, (x, y, theta) in edges]
+    return _make("tf2_msgs/msg/TFMessage", made)
 
 
 def static_transforms(mount: Mount) -> Any:
@@ -77,9 +83,19 @@ def path(time: float, points: np.ndarray) -> Any:
     return _make("nav_msgs/msg/Path", _header(time, MAP), poses)
 
 
-def command(time: float, twist: Twist) -> Any:
+def command(time: float, twist: Twist, frame: str = BASE) -> Any:
     """Return a velocity command as a `geometry_msgs/TwistStamped`, as Nav2 publishes on `cmd_vel`."""
-    return _make("geometry_msgs/msg/TwistStamped", _header(time, BASE), _twist(twist))
+    return _make("geometry_msgs/msg/TwistStamped", _header(time, frame), _twist(twist))
+
+
+def points(time: float, positions: np.ndarray) -> Any:
+    """Return a `visualization_msgs/MarkerArray` of points, shape (n, 2), map frame [m], for 2.5 s."""
+    shown = [_make("geometry_msgs/msg/Point", x, y, 0.0) for x, y in positions.tolist()]
+    kind = typestore().types["visualization_msgs/msg/Marker"].POINTS
+    return _make(
+        "visualization_msgs/msg/MarkerArray",
+        [_marker(time, "points", 0, kind, Pose2D(0.0, 0.0, 0.0), (0.1, 0.1, 0.1), shown)],
+    )
 
 
 def people(time: float, states: np.ndarray) -> Any:

@@ -176,6 +176,7 @@ def _line(run: Run) -> str:
     )
     line += "".join(f"; {label} {error}" for label, error in run.errors.items())
     line += "" if run.loop_closures is None else f"; {run.loop_closures} loop closures"
+    line += "; odometry fits best with distances x {:.3f} and turns x {:.3f}".format(*run.odometry_scales)
     return f"{line}; lost at {100 * run.lost_share:.1f} % of scans, {100 * run.conflict_share:.1f} % of beams conflict"
 
 

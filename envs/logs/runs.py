@@ -25,7 +25,7 @@ from lidarnaut.envs.worlds import save_map
 
 from .log import Log
 from .relations import RelationError, relation_error
-from .trajectory import follow_odometry, save_trajectory
+from .trajectory import follow_odometry, odometry_scales, save_trajectory
 
 END_MARGIN = 0.3
 """Occupied cells within this distance of a beam's end are no conflict [m], for thick walls and grazing beams."""
@@ -64,6 +64,8 @@ class Run:
     """Share of scans after which the SLAM was lost, from 0 to 1."""
     conflict_share: float
     """Share of beams that pass through cells occupied in other scans (inconsistent map), from 0 to 1."""
+    odometry_scales: tuple[float, float] = (math.nan, math.nan)
+    """Factors of distances and turns that fit odometry to the estimated poses best."""
     loop_closures: int | None = None
     errors: dict[str, RelationError] = field(default_factory=dict)
     """Errors relative to reference poses, by trajectory (`online`, `final`) and set of references, such as `final
@@ -119,7 +121,8 @@ def measure(
     loop_closures = getattr(slam, "loop_closures", None)
     times = float(milliseconds.mean()), float(np.percentile(milliseconds, 99)), float(milliseconds.max())
     shares = float(replayed.is_lost.mean()), conflict_share(log, replayed.final)
-    return Run(name, seed, *times, *shares, None if loop_closures is None else int(loop_closures), errors)
+    scales = odometry_scales(log.odometry[log.scan_rows], replayed.final)
+    return Run(name, seed, *times, *shares, scales, None if loop_closures is None else int(loop_closures), errors)
 
 
 def conflict_share(log: Log, poses: np.ndarray) -> float:

@@ -143,11 +143,16 @@ def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple
         step = 2.0 * math.pi / num_beams
     if num_beams > MAX_BEAMS:
         raise ValueError(f"scans need {num_beams:,} common beams; at most {MAX_BEAMS:,} are allowed")
-    ranges = np.stack([_resampled(scan, (x, y), low, step, num_beams) for scan in scans])
+    ranges = np.stack([resampled(scan, (x, y), low, step, num_beams) for scan in scans])
     return ranges, low, step, (x, y, z)
 
 
-def _resampled(scan: Scan, position: tuple[float, float], low: float, step: float, num_beams: int) -> np.ndarray:
+def resampled(scan: Scan, position: tuple[float, float], low: float, step: float, num_beams: int) -> np.ndarray:
+    """Return a scan as a lidar at another position (x, y) [m] would measure it, shape (num_beams,), float32 [m].
+
+    `low`, `step`: first angle and angle increment [rad]. Ranges are interpolated between adjacent beams on one surface,
+    else nearest; NaN outside of the field of view.
+    """
     ranges = scan.ranges.astype(np.float64)
     angles = scan.first + scan.step * np.arange(len(ranges))
     dx, dy = scan.position[0] - position[0], scan.position[1] - position[1]

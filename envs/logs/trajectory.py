@@ -22,6 +22,10 @@ MAX_GLITCH = 2.0
 """Maximum duration of an odometry glitch that is interpolated [s]."""
 
 
+MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
+"""Odometry does not cover gaps that last longer than this time [s] while the robot moves farther than this [m, rad]."""
+
+
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
     """Return a pose at each odometry time, shape (n, 3): the last scan's pose, continued by odometry [m, m, rad].
 
@@ -30,6 +34,38 @@ def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.
     """
     scan = np.maximum(np.searchsorted(scan_rows, np.arange(len(odometry)), side="right") - 1, 0)
     return compose_poses(scan_poses[scan], between_poses(odometry[scan_rows[scan]], odometry))
+
+
+def odometry_scales(odometry: np.ndarray, poses: np.ndarray) -> tuple[float, float]:
+    """Return the factors of distances and of turns that fit odometry to a trajectory best (least squares).
+
+    Both: shape (n, 3), at the same times. NaN if the robot has not driven, or not turned.
+    """
+    (length, turn), (true_length, true_turn) = (
+        between_poses(each[:-1], each[1:])[:, [0, 2]].T for each in (odometry, poses)
+    )
+    with np.errstate(invalid="ignore"):
+        return float(length @ true_length / (length @ length)), float(turn @ true_turn / (turn @ turn))
+
+
+def find_gaps(times: np.ndarray, poses: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which of the times `at`, shape (m,), odometry does not cover, as two masks, shape (m,), bool.
+
+    The first marks times before or after all poses; the second, times in a gap of over `MAX_GAP` [s] in which the robot
+    moves by more than `MAX_GAP_MOTION` [m, rad]. `times`: shape (n,), ascending [s]. `poses`: shape (n, 3).
+    """
+    after = np.searchsorted(times, at)
+    outside = (at < times[0]) | (at > times[-1])
+    before, after = np.maximum(after - 1, 0), np.minimum(after, len(times) - 1)
+    motion = np.maximum(*trajectory_errors(poses[after], poses[before]))
+    in_gap = ~outside & (at < times[after]) & (times[after] - times[before] > MAX_GAP) & (motion > MAX_GAP_MOTION)
+    return outside, in_gap
+
+
+def interpolate_poses(times: np.ndarray, poses: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return poses at the times `at`, shape (m, 3), linear between those at `times`; see `find_gaps`."""
+    x, y, theta = (np.interp(at, times, column) for column in (*poses.T[:2], np.unwrap(poses[:, 2])))
+    return np.stack([x, y, wrap_angle(theta)], axis=1)
 
 
 def save_trajectory(path: str | Path, times: np.ndarray, poses: np.ndarray) -> None:

@@ -38,9 +38,10 @@ class FrameTree:
         for topic in topics:
             for message in bag.messages(topic):
                 for one in getattr(message, "transforms", (message,)):
-                    self._add(one, static)
+                    self.add(one, static)
 
-    def _add(self, one: Any, static: bool) -> None:
+    def add(self, one: Any, static: bool = False) -> None:
+        """Add a transform, or the pose of an Odometry message."""
         child, parent = frame_name(one.child_frame_id), frame_name(one.header.frame_id)
         if hasattr(one, "transform"):
             t, q, tolerance = one.transform.translation, one.transform.rotation, UNIT_TOLERANCE

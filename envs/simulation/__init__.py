@@ -11,11 +11,16 @@ PHYSICS = ("bullet", "kinematic")
 
 
 def make_simulator(
-    physics: str, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
+    physics: str | type[Simulator],
+    robot: RobotParams,
+    control_period: float,
+    num_robots: int = 1,
+    crowd: Crowd | None = None,
 ) -> Simulator:
     """Create a physics simulator of `num_robots` identical robots.
 
-    `physics`: "kinematic", or "bullet" for rigid bodies in PyBullet. `control_period`: time between commands [s].
+    `physics`: "kinematic", "bullet" for rigid bodies in PyBullet, or a class. `control_period`: time between commands
+    [s].
 
     Raises:
         ValueError: the physics is unknown, or `control_period` or `num_robots` is out of range.
@@ -23,6 +28,8 @@ def make_simulator(
     """
     if num_robots < 1:
         raise ValueError(f"num_robots must be at least 1, got {num_robots}")
+    if isinstance(physics, type):
+        return physics(robot, control_period, num_robots, crowd)
     if physics == "kinematic":
         return KinematicSimulator(robot, control_period, num_robots, crowd)
     if physics == "bullet":

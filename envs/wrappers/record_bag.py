@@ -108,7 +108,8 @@ class BagRecorder:
             if len(found):
                 write(topic, time, messages.people(time, found))
         write("/odom", time, messages.odometry(time, self._odometry, twist))
-        write("/tf", time, messages.transforms(time, map_odom, self._odometry))
+        edges = (messages.MAP, messages.ODOM, map_odom), (messages.ODOM, messages.BASE, self._odometry)
+        write("/tf", time, messages.transforms(time, *edges))
         if commands is None or time - self._map_time >= MAP_PERIOD - 1e-6:
             self._write_map()
 
