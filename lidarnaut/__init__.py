@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from lidarnaut.baselines import make_explorer, policies_for
     from lidarnaut.baselines.episode import Episode, run_episode
     from lidarnaut.benchmarks.arena.evaluate import evaluate
+    from lidarnaut.driver import Driver
     from lidarnaut.envs.core import LidarEnv
     from lidarnaut.envs.robots import RobotParams, robots
     from lidarnaut.envs.simulation.crowd import Crowd
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Crowd",
+    "Driver",
     "Episode",
     "LidarEnv",
     "RobotParams",
@@ -45,6 +47,7 @@ __all__ = [
 
 _MODULES = {
     "Crowd": "envs.simulation.crowd",
+    "Driver": "driver",
     "Episode": "baselines.episode",
     "LidarEnv": "envs.core",
     "RobotParams": "envs.robots",

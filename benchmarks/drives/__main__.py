@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from lidarnaut.benchmarks.drives.driving import compare_driving, measure_loads
 from lidarnaut.benchmarks.drives.localization import compare_amcl, compare_on_log
 from lidarnaut.benchmarks.drives.recording import Row, table
 from lidarnaut.benchmarks.drives.slams import compare_kidnapped, compare_slams
@@ -25,6 +26,8 @@ STAGES: dict[str, Callable[..., list[Row]]] = {
     "localization-times": time_amcl,
     "planning": time_planning,
     "teams": compare_teams,
+    "driver": compare_driving,
+    "driver-load": measure_loads,
 }
 
 

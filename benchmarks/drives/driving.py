@@ -1,0 +1,217 @@
+"""Episodes of a simulated robot that is driven by messages of several rates and delays."""
+
+import math
+import resource
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+
+from lidarnaut.baselines import EXPLORERS, OFFERED
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.baselines.policy import Policy
+from lidarnaut.benchmarks.drives.recording import Row, run_each
+from lidarnaut.driver import Driver
+from lidarnaut.driver.simulated_robot import SimulatedRobot
+from lidarnaut.envs.command_line import Count
+from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.tasks.coverage import Coverage
+
+WORLD, ROBOT, TARGET, MAX_TIME = "turtlebot3_house", "turtlebot3_burger", 0.95, 900.0
+PERIOD = 0.1
+
+
+class Link(NamedTuple):
+    """Rates and delays of messages, which arrive in order."""
+
+    scan_hz: float = 10.0
+    odometry_delay: float = 0.0
+    scan_delay: float = 0.0
+    jitter: float = 0.0
+    """Standard deviation of further delays [s]."""
+
+
+IDEAL = Link()
+LINKS = {
+    "odometry 50 Hz, scans 10 Hz": IDEAL,
+    "scans 5 Hz": Link(scan_hz=5.0),
+    "scans 40 Hz, jitter 10 ms": Link(scan_hz=40.0, jitter=0.01),
+    "scans 0.1 s late, odometry 0.02 s, jitter 10 ms": Link(odometry_delay=0.02, scan_delay=0.1, jitter=0.01),
+    "scans 5 Hz and 0.2 s late, odometry 0.05 s, jitter 10 ms": Link(5.0, 0.05, 0.2, 0.01),
+}
+
+
+class Loop:
+    """Simulated robot and driver, joined by messages."""
+
+    def __init__(self, driver: Driver, robot: SimulatedRobot, link: Link = IDEAL, seed: int = 0) -> None:
+        self.driver, self.robot, self.link = driver, robot, link
+        self.rng = np.random.default_rng(seed)
+        self.command, self.reasons, self.contacts, self.processor_time = Twist(0.0, 0.0), list[str](), 0, 0.0
+        self.silent, self.offset = set[str](), 0.0
+        """Kinds of messages that are lost, `scan` and `odometry`; difference between the clocks of messages and of the
+        simulation [s]."""
+        self._pending: list[tuple[float, str, Any, float]] = []
+        self._latest = {"scan": 0.0, "odometry": 0.0}
+        self._next_scan = self._next_command = 0.0
+        self._touched = False
+
+    def run(self, seconds: float, watch: Callable[[], bool] = lambda: False) -> bool:
+        """Simulate for a time [s], or until `watch`, called after each command, returns True; return that value."""
+        robot, driver, end = self.robot, self.driver, self.robot.time + seconds
+        while robot.time < end - 1e-9:
+            now = robot.time
+            self._send("odometry", tuple(robot.odometry), self.link.odometry_delay)
+            if now >= self._next_scan - 1e-9:
+                self._next_scan += 1.0 / self.link.scan_hz
+                self._send("scan", robot.reading.ranges, self.link.scan_delay)
+            arrived = sorted(
+                (each for each in self._pending if each[0] <= now + 1e-9), key=lambda each: (each[0], each[3])
+            )
+            self._pending = [each for each in self._pending if each[0] > now + 1e-9]
+            began = time.process_time()
+            for _, kind, content, stamp in arrived:
+                (driver.odometry if kind == "odometry" else driver.scan)(content, stamp)
+            is_due = now >= self._next_command - 1e-9
+            if is_due:
+                self._next_command += PERIOD
+                self.command = driver.command(now + self.offset)
+                self.reasons.append(driver.reason)
+            self.processor_time += time.process_time() - began
+            if is_due and watch():
+                return True
+            touches = robot.step(self.command).bumper
+            self.contacts += touches and not self._touched
+            self._touched = touches
+        return False
+
+    def _send(self, kind: str, content: Any, delay: float) -> None:
+        now, jitter = self.robot.time, abs(float(self.rng.normal(0.0, self.link.jitter)))
+        self._latest[kind] = max(self._latest[kind], now + delay + jitter)
+        if kind not in self.silent:
+            self._pending.append((self._latest[kind], kind, content, now + self.offset))
+
+    @property
+    def error(self) -> float:
+        """Distance between estimated and true position [m]."""
+        return math.dist(self.robot.start.compose(self.driver.belief.pose)[:2], self.robot.pose[:2])
+
+
+def make_policy(name: str) -> Policy:
+    """Return a classic policy, or a learned one as `learned:PATH` or `pursuit:PATH`."""
+    if ":" not in name:
+        return (EXPLORERS.get(name) or OFFERED["goal"][name])()
+    from lidarnaut.agents.learned import load_policy
+
+    kind, _, path = name.partition(":")
+    return load_policy(path, pursuit=kind == "pursuit")
+
+
+def _explore(name: str, link: str, seed: int) -> dict[str, float]:
+    robot = SimulatedRobot(WORLD, ROBOT, seed=seed)
+    loop = Loop(Driver(make_policy(name), ROBOT, seed=seed), robot, LINKS[link], seed)
+    coverage = Coverage(robot.area, robot.start, robot.robot.lidar)
+
+    def watch() -> bool:
+        if loop.driver.has_begun:
+            belief = loop.driver.belief
+            coverage.update(belief.update, belief.grid.resolution, loop.driver.env.reading.ranges, robot.pose)
+        return coverage.explored_fraction >= TARGET
+
+    reached = loop.run(MAX_TIME, watch)
+    return {
+        "time": robot.time if reached else math.inf,
+        "contacts": loop.contacts,
+        "error": loop.error,
+        "load": loop.processor_time / robot.time,
+    }
+
+
+def _explore_in_environment(name: str, seed: int) -> dict[str, float]:
+    start = tuple(SimulatedRobot(WORLD, ROBOT, seed=seed).start)
+    arguments: dict[str, Any] = {"world": WORLD, "robot": ROBOT, "physics": "kinematic", "start": start}
+    env = gymnasium.make("lidarnaut/Explore-v0", target_coverage=TARGET, time_limit=MAX_TIME, **arguments)
+    episode = run_episode(env, make_policy(name), seed)
+    env.close()
+    return {"time": episode.time_to_95, "contacts": episode.collisions, "error": episode.position_rmse}
+
+
+def compare_driving(policies: tuple[str, ...] = ("pursuit",), starts: Count = 20, jobs: Count = 1) -> list[Row]:
+    """Compare exploration through a `Driver`, with messages of several rates and delays, with that in an environment.
+
+    Args:
+        policies: explorers.
+        starts: number of start poses in `turtlebot3_house`.
+        jobs: number of worker processes.
+    """
+    rows: list[Row] = []
+    for name in policies:
+        tasks = [(name, seed) for seed in range(starts)]
+        reference = run_each(_explore_in_environment, tasks, jobs, f"{name}, environment")
+        rows.append({"policy": name, "messages": "environment", **_summary(reference, reference)})
+        for link in LINKS:
+            driven = run_each(_explore, [(name, link, seed) for seed in range(starts)], jobs, f"{name}, {link}")
+            rows.append({"policy": name, "messages": link, **_summary(driven, reference)})
+    return rows
+
+
+def measure_loads(hours: float = 1.0) -> list[Row]:
+    """Measure processor time and memory of a `Driver` at 10 Hz, in `turtlebot3_house`.
+
+    An explorer starts anew when nothing is left; a learned controller drives to random goals among six people.
+
+    Args:
+        hours: simulated time of each run [h].
+    """
+    rows: list[Row] = []
+    for name, id, people in (
+        ("learned:pretrained/frontiers", "lidarnaut/Explore-v0", None),
+        ("learned:pretrained/crowd", "lidarnaut/ReachCrowd-v0", 6),
+    ):
+        rng, end, spent, memory = np.random.default_rng(0), 3600.0 * hours, list[float](), list[float]()
+        robot, used = SimulatedRobot(WORLD, ROBOT, people=people), 0.0
+        while sum(spent) < end - 1.0:
+            policy = make_policy(name)
+            arguments = {"slam": "hector", "observations": getattr(policy, "observations", None)}
+            driver = Driver(policy, ROBOT, id=id, **arguments)
+            loop = Loop(driver, robot)
+            loop._next_scan = loop._next_command = began = robot.time
+
+            loop.run(min(600.0, end - sum(spent)), partial(_is_over, driver, robot, rng))
+            spent.append(robot.time - began)
+            used += loop.processor_time
+            memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
+        rows.append(
+            {
+                "policy": name,
+                "simulated h": sum(spent) / 3600.0,
+                "load of a core %": 100.0 * used / sum(spent),
+                "memory after 10 min MB": memory[0],
+                "at the end MB": memory[-1],
+            }
+        )
+    return rows
+
+
+def _is_over(driver: Driver, robot: SimulatedRobot, rng: np.random.Generator) -> bool:
+    """Return whether an explorer has ended; give a controller without a goal a new one."""
+    if not hasattr(driver.env.task, "goal"):
+        return driver.reason in ("no_reachable_frontier", "stuck")
+    if driver.reason in ("no goal yet", "reached"):
+        driver.goal(*robot.start.between(robot.area.draw_pose(rng))[:2])
+    return False
+
+
+def _summary(episodes: list[dict[str, float]], reference: list[dict[str, float]]) -> Row:
+    ratios = [math.log(one["time"] / other["time"]) for one, other in zip(episodes, reference, strict=True)]
+    return {
+        "time / environment's": math.exp(float(np.mean(ratios))),
+        "worst": math.exp(max(ratios)),
+        "time to 95 % s": float(np.mean([one["time"] for one in episodes])),
+        "contacts": int(sum(one["contacts"] for one in episodes)),
+        "position error m": float(np.mean([one["error"] for one in episodes])),
+        "load of a core %": 100.0 * float(np.mean([one.get("load", math.nan) for one in episodes])),
+    }

@@ -1,0 +1,3 @@
+from .driver import Driver
+
+__all__ = ["Driver"]

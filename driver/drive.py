@@ -1,0 +1,363 @@
+"""Drive a robot of ROS 1 or ROS 2 through rosbridge: `lidarnaut-drive --url ws://robot:9090 --robot my_robot.yaml`."""
+
+import contextlib
+import dataclasses
+import logging
+import math
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidarnaut.agents.policy_names import parse_policy
+from lidarnaut.baselines import EXPLORERS, OFFERED
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.logs import messages
+from lidarnaut.envs.logs.scans import Limits, Scan, resampled, usable_scans
+from lidarnaut.envs.logs.transforms import FrameTree, frame_name, planar, seconds
+from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.robots import LidarParams, Mount, RobotParams, load_robot
+from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.worlds import save_map
+from lidarnaut.envs.wrappers.record_bag import BagRecorder
+
+from .driver import STOP, Driver
+from .rosbridge import Clock, Rosbridge
+
+LOGGER = logging.getLogger(__name__)
+MAP_PERIOD = 2.0
+"""Time between published maps [s]."""
+DEAD_MAN_TIME = 0.5
+"""A message of the dead man's switch permits driving for this time [s]."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the driver."""
+
+    url: str = "ws://localhost:9090"
+    """Address of the rosbridge server."""
+    robot: str = "turtlebot3_burger"
+    """Library robot, or path of a robot YAML."""
+    policy: str = "learned:pretrained/frontiers"
+    """Policy: a name as in `lidarnaut-evaluate --policies`. Policies with a goal wait for `goal` or `/goal_pose`."""
+    goal: tuple[float, float, float] | None = None
+    """Goal x, y [m] and heading [rad], map frame; selects policies that drive to goals."""
+    slam: str = "hector"
+    """SLAM, without a map."""
+    map: Path | None = None
+    """Known map (YAML of map_server), on which AMCL localizes the robot."""
+    initial_pose: tuple[float, float, float] | None = None
+    """Start on the known map, x, y [m] and heading [rad]; default: unknown (global localization)."""
+    control_hz: float = 10.0
+    """Commands per second [Hz]."""
+    max_v: float | None = None
+    """Lower limit of the forward speed than that of the robot [m/s]."""
+    max_w: float | None = None
+    """Lower limit of the yaw rate than that of the robot [rad/s]."""
+    timeout: float = 1.0
+    """The robot stops if the last scan or the connection is older [s]."""
+    dry_run: bool = False
+    """Print commands instead of sending them."""
+    dead_man: str | None = None
+    """Topic (std_msgs/Bool) that must be true, at least every 0.5 s, for the robot to drive."""
+    record: Path | None = None
+    """Bag of the session, `NAME.mcap`."""
+    save_map: Path | None = None
+    """Map to write at the end, `NAME.yaml` of map_server."""
+    lidar_from_messages: bool = False
+    """Take beams and mount of the lidar from the first scan and `/tf_static`; otherwise, scans are resampled to the
+    beams of the robot YAML."""
+    no_return: str = "inf"
+    """Meaning of ranges that rosbridge sends as null: `inf` (no return) or `nan` (invalid)."""
+    use_sim_time: bool = False
+    """Take the time from `/clock`."""
+    stamped: bool = False
+    """Send commands as TwistStamped instead of Twist."""
+    odometry_scales: tuple[float, float] = (1.0, 1.0)
+    """Factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a recorded drive."""
+    seed: int = 0
+    """Seed of estimator and policy."""
+    trust: tuple[str, ...] = ()
+    """Modules, or names `module:attribute`, of your own code that the policy may import."""
+    scan_topic: str = "/scan"
+    odom_topic: str = "/odom"
+    """Topic of the odometry: Odometry messages, or `/tf`."""
+    cmd_vel_topic: str = "/cmd_vel"
+    map_frame: str = "map"
+    odom_frame: str = "odom"
+    base_frame: str = "base_footprint"
+    laser_frame: str | None = None
+    """Frame of the scans; default: that of the first scan. Messages of other frames are ignored, with a warning."""
+
+
+class Session:
+    """A driver connected to the topics of a robot."""
+
+    def __init__(self, options: Options, bridge: Rosbridge) -> None:
+        """Subscribe to the robot's topics. `step` then drives.
+
+        Raises:
+            ValueError: an option has a value that is not allowed.
+            lidarnaut.agents.run_folder.CheckpointError: the policy cannot be loaded.
+        """
+        if options.no_return not in ("inf", "nan"):
+            raise ValueError(f"no_return must be 'inf' or 'nan', got {options.no_return!r}")
+        self.options, self._bridge, self._clock = options, bridge, Clock()
+        self._lock, self._tree = threading.RLock(), FrameTree()
+        robot = load_robot(options.robot)
+        max_v, max_w = options.max_v or robot.max_v, options.max_w or robot.max_w
+        self._robot = dataclasses.replace(robot, max_v=min(max_v, robot.max_v), max_w=min(max_w, robot.max_w))
+        self._recorder: BagRecorder | None = None
+        self.driver: Driver | None = None if options.lidar_from_messages else self._make_driver(self._robot)
+        self._laser_frame, self._ignored = options.laser_frame, set[str]()
+        self._permitted = -math.inf
+        self._map_time = -math.inf
+        self._sim_time, self._said = math.nan, ""
+        self.reason = "no scan yet"
+        """Why the last command was a stop; empty while driving."""
+        self._connect()
+
+    def _make_driver(self, robot: RobotParams) -> Driver:
+        o = self.options
+        has_goal = o.goal is not None or o.map is not None
+        makers = OFFERED["goal"] if has_goal or o.policy in OFFERED["goal"].keys() - EXPLORERS.keys() else EXPLORERS
+        policy = parse_policy(o.policy, makers, trust=o.trust)
+        made, arguments = policy.make(), dict(policy.arguments)
+        id = getattr(made, "id", "lidarnaut/ReachGoal-v0" if makers is OFFERED["goal"] else "lidarnaut/Explore-v0")
+        if o.map is not None:
+            id = "lidarnaut/Navigate-v0"
+            arguments |= {"map": o.map, "initial_pose": "unknown" if o.initial_pose is None else o.initial_pose}
+        else:
+            arguments["slam"] = o.slam
+        hz = getattr(made, "control_hz", None) or o.control_hz
+        driver = Driver(
+            made,
+            robot,
+            id=id,
+            control_hz=hz,
+            timeout=o.timeout,
+            seed=o.seed,
+            odometry_scales=o.odometry_scales,
+            **arguments,
+        )
+        if o.record is not None:
+            self._recorder = BagRecorder(driver.env, o.record)
+        if o.goal is not None:
+            driver.goal(*o.goal)
+        return driver
+
+    def _connect(self) -> None:
+        o, bridge = self.options, self._bridge
+        twist = "geometry_msgs/msg/TwistStamped" if o.stamped else "geometry_msgs/msg/Twist"
+        bridge.advertise(o.cmd_vel_topic, twist)
+        bridge.advertise("/map", "nav_msgs/msg/OccupancyGrid", latch=True)
+        bridge.advertise("/plan", "nav_msgs/msg/Path")
+        bridge.advertise("/frontiers", "visualization_msgs/msg/MarkerArray")
+        bridge.advertise("/tf", "tf2_msgs/msg/TFMessage")
+        if o.use_sim_time:
+            bridge.subscribe("/clock", "rosgraph_msgs/msg/Clock", self._on_clock)
+        bridge.subscribe("/tf_static", "tf2_msgs/msg/TFMessage", self._on_static)
+        bridge.subscribe(o.scan_topic, "sensor_msgs/msg/LaserScan", self._on_scan)
+        if o.odom_topic.rpartition("/")[2] == "tf":
+            bridge.subscribe(o.odom_topic, "tf2_msgs/msg/TFMessage", self._on_tf)
+        else:
+            bridge.subscribe(o.odom_topic, "nav_msgs/msg/Odometry", self._on_odometry)
+        bridge.subscribe("/goal_pose", "geometry_msgs/msg/PoseStamped", self._on_goal)
+        bridge.subscribe("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", self._on_initial_pose)
+        if o.dead_man is not None:
+            bridge.subscribe(o.dead_man, "std_msgs/msg/Bool", self._on_dead_man)
+
+    @property
+    def time(self) -> float:
+        """Time of the robot's clock [s]; NaN before the first message."""
+        return self._sim_time if self.options.use_sim_time else self._clock.time
+
+    def _on_clock(self, message: Any) -> None:
+        self._sim_time = seconds(message.clock)
+
+    def _on_dead_man(self, message: Any) -> None:
+        self._permitted = time.monotonic() if message.data else -math.inf
+
+    def _on_static(self, message: Any) -> None:
+        with self._lock:
+            for one in message.transforms:
+                self._tree.add(one, static=True)
+
+    def _on_odometry(self, message: Any) -> None:
+        if self._is_in(message.header, self.options.odom_frame):
+            self._note_odometry(message.header.stamp, message.pose.pose.position, message.pose.pose.orientation)
+
+    def _on_tf(self, message: Any) -> None:
+        for one in message.transforms:
+            frames = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
+            if frames == (self.options.odom_frame, self.options.base_frame):
+                self._note_odometry(one.header.stamp, one.transform.translation, one.transform.rotation)
+
+    def _note_odometry(self, stamp: Any, position: Any, rotation: Any) -> None:
+        time = seconds(stamp)
+        self._clock.note(time)
+        with self._lock:
+            if self.driver is not None:
+                self.driver.odometry((position.x, position.y, yaw_of(rotation)), time)
+
+    def _on_scan(self, message: Any) -> None:
+        stamp, frame = seconds(message.header.stamp), frame_name(message.header.frame_id)
+        self._clock.note(stamp)
+        self._laser_frame = self._laser_frame or frame
+        if not self._is_in(message.header, self._laser_frame):
+            return
+        missing = math.inf if self.options.no_return == "inf" else math.nan
+        ranges = np.array([missing if each is None else each for each in message.ranges], dtype=np.float32)
+        beams = message.angle_min, message.angle_increment, message.range_min, message.range_max
+        (scan,), _ = usable_scans([Scan(ranges, *beams, time=stamp)], Limits())
+        with self._lock:
+            if self.driver is None and (lidar := self._find_lidar(scan, frame)):
+                self.driver = self._make_driver(dataclasses.replace(self._robot, lidar=lidar))
+            if self.driver is not None:
+                self.driver.scan(self._on_beams(scan), stamp)
+
+    def _find_lidar(self, scan: Scan, frame: str) -> LidarParams | None:
+        at = np.array([scan.time])
+        found = self._tree.find(self.options.base_frame, frame, at)
+        if found is None:
+            LOGGER.info("waiting for the transform from %s to %s", self.options.base_frame, frame)
+            return None
+        x, y, z = found[0, :3, 3].tolist()
+        fov = scan.step * (len(scan.ranges) - 1)
+        yaw = float(planar(found)[0, 2]) + scan.first + 0.5 * fov
+        return dataclasses.replace(
+            self._robot.lidar,
+            num_beams=len(scan.ranges),
+            range_min=scan.range_min,
+            range_max=scan.range_max,
+            fov=fov,
+            mount=Mount(x, y, z, yaw=yaw),
+        )
+
+    def _on_beams(self, scan: Scan) -> np.ndarray:
+        assert self.driver is not None
+        lidar = self.driver.robot.lidar
+        first, step = lidar.angle_min, lidar.angle_increment
+        if self.options.lidar_from_messages:
+            first = scan.first
+        is_same = len(scan.ranges) == lidar.num_beams and abs(scan.step - step) < 1e-4
+        if is_same and abs(scan.first - first) < 0.1 * step:
+            return scan.ranges
+        return resampled(scan, (0.0, 0.0), first, step, lidar.num_beams)
+
+    def _on_goal(self, message: Any) -> None:
+        pose = message.pose
+        with self._lock:
+            if self.driver is not None and self._is_in(message.header, self.options.map_frame):
+                self.driver.goal(pose.position.x, pose.position.y, yaw_of(pose.orientation))
+
+    def _on_initial_pose(self, message: Any) -> None:
+        pose = message.pose.pose
+        with self._lock:
+            if self.driver is not None and self._is_in(message.header, self.options.map_frame):
+                self.driver.initial_pose(pose.position.x, pose.position.y, yaw_of(pose.orientation))
+
+    def _is_in(self, header: Any, frame: str) -> bool:
+        if (given := frame_name(header.frame_id)) == frame:
+            return True
+        if given not in self._ignored:
+            self._ignored.add(given)
+            LOGGER.warning("messages of frame %r are ignored, expected %r; see the options of frames", given, frame)
+        return False
+
+    def step(self) -> Twist:
+        """Send the next command, and estimates for RViz; return the command."""
+        now, o = self.time, self.options
+        with self._lock:
+            if (driver := self.driver) is None or math.isnan(now):
+                return STOP
+            command, reason = driver.command(now), driver.reason
+            if not reason and o.dead_man is not None and time.monotonic() - self._permitted > DEAD_MAN_TIME:
+                command, reason = STOP, f"{o.dead_man} is not true"
+            if not reason and self._bridge.error:
+                command, reason = STOP, f"no connection: {self._bridge.error}"
+            self._say(reason)
+            self.reason = reason
+            if o.dry_run:
+                LOGGER.info("%.2f s: %.3f m/s, %.3f rad/s", now, *command)
+            else:
+                self._send(command, now)
+            if driver.has_begun:
+                self._show(driver, now)
+        return command
+
+    def run(self, is_over: threading.Event) -> None:
+        """Send commands at the control rate."""
+        due, stepped, period = -math.inf, 0.0, 1.0 / self.options.control_hz
+        while not is_over.is_set():
+            now, is_frozen = self.time, time.monotonic() - stepped > self.options.timeout
+            if now >= due or now < due - 1.0 or is_frozen:
+                self.step()
+                stepped = time.monotonic()
+                due = due + period if due > now - period else now + period
+            time.sleep(0.001 if self.options.use_sim_time else 0.1 * period)
+
+    def _send(self, command: Twist, now: float) -> None:
+        message = messages.command(now, command, self.options.base_frame)
+        self._bridge.publish(self.options.cmd_vel_topic, message if self.options.stamped else message.twist)
+
+    def _show(self, driver: Driver, now: float) -> None:
+        o, publish = self.options, self._bridge.publish
+        publish("/tf", messages.transforms(now, (o.map_frame, o.odom_frame, driver.map_to_odometry)))
+        publish("/plan", messages.path(now, np.empty((0, 2)) if driver.plan is None else driver.plan))
+        if not 0.0 <= now - self._map_time < MAP_PERIOD:
+            self._map_time = now
+            publish("/map", messages.occupancy_grid(now, crop_to_known(driver.belief.grid, margin=0)))
+            if driver.env.markers is not None and (markers := driver.env.markers()) is not None:
+                publish("/frontiers", messages.points(now, markers.clusters))
+
+    def _say(self, reason: str) -> None:
+        kind = reason.partition(" for ")[0]
+        if kind != self._said:
+            self._said = kind
+            LOGGER.info("stopped: %s" if reason else "driving%s", reason)
+
+    def close(self) -> None:
+        """Stop the robot, write the map, and complete the recording."""
+        for _ in range(3):
+            if not (self.options.dry_run or math.isnan(self.time)):
+                self._send(STOP, self.time)
+            time.sleep(0.05)
+        if self._recorder is not None:
+            self._recorder.close()
+        if self.options.save_map is not None and self.driver is not None and self.driver.has_begun:
+            save_map(crop_to_known(self.driver.belief.grid), self.options.save_map)
+
+
+def yaw_of(quaternion: Any) -> float:
+    """Return the yaw of a quaternion message [rad]."""
+    x, y, z, w = quaternion.x, quaternion.y, quaternion.z, quaternion.w
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def main(options: Options) -> None:
+    """Drive a robot until the policy ends or Ctrl-C.
+
+    Raises:
+        ValueError: an option has a value that is not allowed.
+        lidarnaut.agents.run_folder.CheckpointError: the policy cannot be loaded.
+    """
+    with contextlib.ExitStack() as held:
+        bridge = held.enter_context(contextlib.closing(Rosbridge(options.url)))
+        session = held.enter_context(contextlib.closing(Session(options, bridge)))
+        held.enter_context(contextlib.suppress(KeyboardInterrupt))
+        session.run(threading.Event())
+
+
+def cli() -> None:
+    """Run `main` with options of the command line."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    run_command(main, options=Options, status=1)
+
+
+if __name__ == "__main__":
+    cli()

@@ -1,0 +1,291 @@
+"""A real robot's half of an environment: estimation, observations and policy, fed by messages."""
+
+import logging
+import math
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from lidarnaut.baselines.episode import Decide, begin_episode, decide_with
+from lidarnaut.baselines.policy import Policy
+from lidarnaut.envs.arguments import check_positive
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.estimation.motion import wheel_motion
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.logs.scans import Scan, resampled
+from lidarnaut.envs.logs.trajectory import MAX_CLOCK_JUMP, between_poses, interpolate_poses
+from lidarnaut.envs.robots import RobotParams, load_robot
+from lidarnaut.envs.simulation import Twist
+
+from .measurements import Measurements, Sample
+from .task import task_of
+
+LOGGER = logging.getLogger(__name__)
+STOP = Twist(0.0, 0.0)
+TICK = 1e-6
+"""Wheel travel per count of the virtual encoders that poses of odometry are converted to [m]."""
+MAX_SPEED, JITTER = 1.5, 0.05
+"""Odometry that moves faster than this multiple of the robot's limits, for longer than this time [s], has jumped."""
+KEPT = 10.0
+"""Messages are kept for at most this time until a scan is used [s]."""
+
+
+class Driver:
+    """Drives a real robot with a policy: messages in, velocity commands out.
+
+    Estimation, observations, policy and limits are those of a `LidarEnv`; messages replace its simulator. Pass messages
+    as they arrive, and call `command` at the rate `control_hz`. Stamps are times of measurement [s] of one clock.
+
+    A scan is used once odometry covers its stamp, and then the newest one. It is shown as from the pose of the newest
+    odometry, which the command is for. Without a new scan, the last command holds. Messages that are not finite, or not
+    newer than the last one of their kind, are dropped; after a step of the clock back by more than a second, all kinds
+    begin anew. Between the last scan before a pause and the first one after it, the policy's clock stands. Calls must
+    come from one thread at a time.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        robot: str | RobotParams,
+        *,
+        id: str = "lidarnaut/Explore-v0",
+        motion: Literal["odometry", "encoders"] = "odometry",
+        control_hz: float = 10.0,
+        timeout: float = 1.0,
+        odometry_scales: tuple[float, float] = (1.0, 1.0),
+        seed: int = 0,
+        **arguments: Any,
+    ) -> None:
+        """Create a driver.
+
+        Args:
+            policy: explorer, goal controller or learned policy.
+            robot: library robot, path of a robot YAML, or parameters.
+            id: environment with the policy's task, which selects estimator, observations and goal.
+            motion: messages with the motion of the wheels: `odometry` or `encoders`.
+            control_hz: rate of `command` [Hz].
+            timeout: maximum age of the last used scan; beyond, the robot stops [s].
+            odometry_scales: factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a drive.
+            seed: seed of estimator and policy.
+            arguments: arguments of the environment, such as `slam`, `map`, `observations` and `collision_monitor`.
+
+        Raises:
+            ValueError: a value is not allowed, or the task is not for a single robot.
+            TypeError: the environment has no such argument.
+        """
+        check_positive(control_hz=control_hz, timeout=timeout, odometry_scales=min(odometry_scales))
+        if motion not in ("odometry", "encoders"):
+            raise ValueError(f"motion must be 'odometry' or 'encoders', got {motion!r}")
+        robot = load_robot(robot)
+        if motion == "odometry":
+            counts = 2.0 * math.pi * robot.odometry.wheel_radius / TICK
+            robot = replace(robot, odometry=replace(robot.odometry, ticks_per_rev=counts, uses_gyro=False))
+        self.env = LidarEnv(task_of(id), robot=robot, physics=Measurements, control_hz=control_hz, **arguments)
+        """Environment without a simulator, for recordings and pictures."""
+        self.robot, self.timeout, self._scales = robot, timeout, odometry_scales
+        self.reason = "no scan yet"
+        """Why the last command was a stop; empty while driving."""
+        self.dropped: Counter[str] = Counter()
+        """Numbers of dropped messages by reason."""
+        self._policy, self._seed = policy, seed
+        self._decide: Decide | None = None
+        self._scans, self._motion, self._rates = (deque[tuple[float, Any]]() for _ in range(3))
+        self._newest: dict[str, float] = {}
+        self._uses_encoders, self._touched = motion == "encoders", False
+        self._stamp, self._scan_stamp, self._offset, self._time = -math.inf, -math.inf, 0.0, 0.0
+        self._pose, self._wheels, self._commands = np.zeros(3), np.zeros(2), [STOP]
+
+    def scan(self, ranges: np.ndarray, stamp: float) -> None:
+        """Receive a scan: ranges, shape (num_beams,) [m]; +inf is no return, NaN or 0 an invalid beam.
+
+        Raises:
+            ValueError: another number of beams than the robot's lidar has.
+        """
+        ranges, lidar = np.array(ranges, dtype=np.float32), self.robot.lidar
+        if ranges.shape != (lidar.num_beams,):
+            raise ValueError(f"scan must have {lidar.num_beams} ranges, got shape {ranges.shape}")
+        ranges[~(ranges >= lidar.range_min)] = np.nan
+        ranges[ranges > lidar.range_max] = np.inf
+        if np.isnan(ranges).all():
+            self.dropped["scan without a valid beam"] += 1
+        else:
+            self._receive("scan", self._scans, stamp, ranges)
+
+    def odometry(self, pose: Sequence[float], stamp: float) -> None:
+        """Receive a base pose (x, y, theta) in the odometry frame [m, m, rad]."""
+        self._receive("odometry", self._motion, stamp, np.array(pose, dtype=np.float64))
+
+    def encoders(self, left: int, right: int, stamp: float) -> None:
+        """Receive cumulative encoder counts of the wheels."""
+        self._receive("encoders", self._motion, stamp, np.array([left, right], dtype=np.float64))
+
+    def imu(self, yaw_rate: float, stamp: float) -> None:
+        """Receive a yaw rate [rad/s]; used with encoders, by robots whose odometry uses the gyroscope."""
+        self._receive("imu", self._rates, stamp, np.array(yaw_rate, dtype=np.float64))
+
+    def bumper(self, touched: bool) -> None:
+        """Receive the state of the bumper."""
+        self._touched |= bool(touched)
+
+    def goal(self, x: float, y: float, theta: float | None = None) -> None:
+        """Set the goal, map frame [m, m, rad].
+
+        Raises:
+            ValueError: the task has no goal, or asks for a heading, or a number is not finite.
+        """
+        if not hasattr(self.env.task, "goal"):
+            raise ValueError(f"task {type(self.env.task).__name__} has no goal")
+        self.env.task.set_goal((x, y) if theta is None else (x, y, theta))
+
+    def initial_pose(self, x: float, y: float, theta: float) -> None:
+        """Restart localization on the known map at a pose, map frame [m, m, rad]; see `LidarEnv.set_initial_pose`."""
+        self.env.set_initial_pose((x, y, theta))
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the first scan has been used."""
+        return self._decide is not None
+
+    @property
+    def belief(self) -> Belief:
+        """Estimated pose and map."""
+        return self.env.belief
+
+    @property
+    def plan(self) -> np.ndarray | None:
+        """Planned path, shape (n, 2), map frame [m]; None without one."""
+        return self.env.plan
+
+    @property
+    def map_to_odometry(self) -> Pose2D:
+        """Pose of the odometry frame in the map frame, for `/tf`."""
+        return self.belief.pose.compose(Pose2D(*self._pose.tolist()).inverse())
+
+    def command(self, stamp: float) -> Twist:
+        """Return the velocity command at the time `stamp`; a stop, and `reason`, if the robot may not drive."""
+        scan = self._next_scan()
+        if scan is not None:
+            self._use(*scan)
+        self.reason = self._why_stopped(stamp)
+        if not self.reason and scan is not None and self._decide is not None:
+            action = self._decide(self._observation)
+            if isinstance(action, str):
+                self.reason = action
+            else:
+                self._commands = self.env.twists(action)
+        if self.reason:
+            self._commands = [STOP]
+            if self.has_begun:
+                self.env.robots[0].action = (0.0, 0.0)
+        return self._commands[0]
+
+    def _receive(self, kind: str, messages: deque[tuple[float, Any]], stamp: float, content: np.ndarray) -> None:
+        last = self._newest.get(kind, -math.inf)
+        if not math.isfinite(stamp) or (kind != "scan" and not np.isfinite(content).all()):
+            self.dropped[f"{kind} that is not finite"] += 1
+            return
+        if stamp < last - MAX_CLOCK_JUMP:
+            LOGGER.warning("the clock steps back from %.3f to %.3f s at a message of %s", last, stamp, kind)
+            for each in (self._scans, self._motion, self._rates):
+                each.clear()
+            self._newest.clear()
+            self._stamp = -math.inf
+        elif stamp <= last:
+            self.dropped[f"{kind} that is not newer than the last"] += 1
+            return
+        self._newest[kind] = stamp
+        messages.append((stamp, content))
+        while messages[0][0] < stamp - KEPT:
+            messages.popleft()
+
+    def _next_scan(self) -> tuple[float, np.ndarray] | None:
+        first, newest = (self._motion[0][0], self._motion[-1][0]) if self._motion else (math.inf, -math.inf)
+        found = None
+        while newest > self._stamp and self._scans and self._scans[0][0] <= newest:
+            found = self._scans.popleft()
+        if found is not None and found[0] < min(first, self._stamp):
+            self.dropped["scan before the odometry"] += 1
+            return None
+        return found
+
+    def _use(self, scan_stamp: float, ranges: np.ndarray) -> None:
+        """Estimate and observe the state at the newest odometry."""
+        stamp, is_first = self._motion[-1][0], not self.has_begun
+        if is_first:
+            self._offset = stamp
+        elif not stamp - self._stamp <= self.timeout:  # a pause, or another clock
+            self._offset = stamp - self._time - self.env.control_period
+        self._time, self._scan_stamp = stamp - self._offset, scan_stamp
+        times, content = np.array([time for time, _ in self._motion]), np.array([each for _, each in self._motion])
+        if scan_stamp != stamp:
+            ranges = self._moved(ranges, *self._poses(times, content, np.array([scan_stamp, stamp])))
+        ticks = self._counts(times, content, is_first)
+        rates = [rate for time, rate in self._rates if time <= stamp]
+        yaw_rate = float(np.mean(rates)) if rates else 0.0
+        self.env.simulator.sample = Sample(self._time, ranges, ticks, yaw_rate, self._touched)  # type: ignore[attr-defined]
+        self._stamp, self._touched = stamp, False
+        self._rates = deque(each for each in self._rates if each[0] > stamp)
+        if is_first:
+            rng = np.random.default_rng([self._seed, 1])
+            self._observation, _ = begin_episode(self.env, self._policy, self._seed, rng)
+            self._decide = decide_with(self._policy, self.env)
+        else:
+            self.env.advance(self._commands)
+            self._observation = self.env.observe()
+
+    def _poses(self, times: np.ndarray, content: np.ndarray, at: np.ndarray) -> np.ndarray:
+        if not self._uses_encoders:
+            return interpolate_poses(times, content, at)
+        numbers = self.robot.odometry.metres_per_tick, self.robot.odometry.track
+        counts = np.column_stack([np.interp(at, times, column) for column in (content - content[-1]).T])
+        return np.array([wheel_motion(left, right, *numbers) for left, right in counts])
+
+    def _moved(self, ranges: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Return the ranges of a scan from the base pose `before` as from the pose `after`."""
+        lidar = self.robot.lidar
+        mount = Pose2D(lidar.mount.x, lidar.mount.y, 0.0)
+        x, y, theta = Pose2D(*after).compose(mount).between(Pose2D(*before).compose(mount))
+        first, step = lidar.mount.yaw + lidar.angle_min, lidar.angle_increment
+        scan = Scan(ranges, first + theta, step, lidar.range_min, lidar.range_max, position=(x, y, 0.0))
+        return resampled(scan, (0.0, 0.0), first, step, lidar.num_beams)
+
+    def _counts(self, times: np.ndarray, content: np.ndarray, is_first: bool) -> tuple[int, int]:
+        """Return the newest encoder counts, or those of virtual encoders that follow odometry."""
+        if self._uses_encoders:
+            left, right = content[-1].astype(int).tolist()
+            return left, right
+        is_new = times > self._stamp
+        path = content[-1:] if is_first else np.vstack([self._pose, content[is_new]])
+        durations = np.diff(times[is_new], prepend=max(self._stamp, times[is_new][0] - self.timeout))[: len(path) - 1]
+        self._pose = content[-1]
+        steps = between_poses(path[:-1], path[1:])
+        half = 0.5 * steps[:, 2]
+        lengths = (steps[:, 0] * np.cos(half) + steps[:, 1] * np.sin(half)) / np.sinc(half / math.pi)
+        limits = MAX_SPEED * (durations + JITTER)
+        has_jumped = (abs(lengths) > self.robot.max_v * limits) | (abs(steps[:, 2]) > self.robot.max_w * limits)
+        if has_jumped.any():
+            self.dropped["jump of odometry"] += int(has_jumped.sum())
+        lengths, turns = np.where(has_jumped, 0.0, [self._scales[0] * lengths, self._scales[1] * steps[:, 2]])
+        sides = 0.5 * self.robot.odometry.track * turns
+        self._wheels += (lengths - sides).sum(), (lengths + sides).sum()
+        left, right = np.rint(self._wheels / self.robot.odometry.metres_per_tick).astype(int).tolist()
+        return left, right
+
+    def _why_stopped(self, stamp: float) -> str:
+        if not self.has_begun:
+            return "no odometry yet" if self._scans else "no scan yet"
+        if not stamp - self._scan_stamp <= self.timeout:
+            return f"no {'odometry' if self._scans else 'scan'} for {stamp - self._scan_stamp:.1f} s"
+        task = self.env.task
+        if hasattr(task, "goal"):
+            if not task.has_goal:
+                return "no goal yet"
+            pose, goal = self.belief.pose, task.goal
+            turn = abs(wrap_angle(pose.theta - goal.theta))
+            if math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= getattr(task, "heading_tolerance", 4.0):
+                return "reached"
+        return ""

@@ -1,0 +1,61 @@
+"""Measurements of a real robot in the place of a simulation."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.simulation import Reading, Simulator, Twist
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.worlds import World
+
+RESOLUTION = 1e-6
+"""Stamps are rounded; durations that differ by less from the control period are equal to it [s]."""
+
+
+class Sample(NamedTuple):
+    """Measurements of all sensors at one time."""
+
+    time: float
+    """Time since the first sample [s]."""
+    ranges: np.ndarray
+    """Lidar ranges, shape (num_beams,), float32 [m], as in `Reading`."""
+    ticks: tuple[int, int]
+    """Cumulative encoder counts of the left and right wheel."""
+    yaw_rate: float
+    """Mean yaw rate since the last sample [rad/s]."""
+    bumper: bool
+    """Whether the body touched anything since the last sample."""
+
+
+class Measurements(Simulator):
+    """Sensor readings of a real robot, with the interface of a simulator: `move` takes over the last sample."""
+
+    sample: Sample
+
+    def reset(
+        self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator], crowd_rng: Any = None
+    ) -> list[Reading]:
+        self._world, self.rngs = world, rngs
+        self.rows.reset()
+        self._take(0)
+        return self._readings()
+
+    def move(self, commands: Sequence[Twist], ahead: int = 1) -> None:
+        self.rows.numbers[0, at.COMMAND_V : at.COMMAND_W + 1] = commands[0]
+        self._take(self.rows.steps + 1)
+
+    def _take(self, steps: int) -> None:
+        row, sample = self.rows.numbers[0], self.sample
+        row[at.LEFT_TICKS : at.TOUCHED + 1] = *sample.ticks, sample.yaw_rate, np.nan, sample.bumper
+        elapsed = sample.time - row[at.TIME]
+        if steps:
+            row[at.PERIOD] = self._period if abs(elapsed - self._period) < RESOLUTION else elapsed
+        row[at.STEPS], row[at.TIME] = steps, sample.time
+        self.rows.ranges[0] = sample.ranges
+
+    def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
+        raise AssertionError("robots are not placed")
+
+    _move = sense = None  # type: ignore[assignment]

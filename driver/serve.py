@@ -1,0 +1,136 @@
+"""A simulated robot as ROS topics through rosbridge: `lidarnaut-serve --world turtlebot3_house --people 6`."""
+
+import contextlib
+import logging
+import math
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.logs import messages
+from lidarnaut.envs.simulation import Twist
+
+from .rosbridge import Rosbridge
+from .simulated_robot import SimulatedRobot
+
+LOGGER = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the simulated robot."""
+
+    url: str = "ws://localhost:9090"
+    """Address of the rosbridge server."""
+    world: str = "turtlebot3_house"
+    """Library world, procedural family, or path of a world or map YAML."""
+    robot: str | None = None
+    """Library robot or path of a robot YAML; default: that of the world."""
+    people: int = 0
+    """Number of pedestrians."""
+    physics: str = "kinematic"
+    """`kinematic` or `bullet`."""
+    start: str = "spawn"
+    """Start: `spawn` or `random`."""
+    seed: int = 0
+    """Seed of world, start, noise and people."""
+    rate: float = 50.0
+    """Odometry messages per simulated second [Hz]."""
+    scan_rate: float = 10.0
+    """Scans per simulated second [Hz]."""
+    speed: float = 1.0
+    """Simulated seconds per second."""
+    timeout: float = 0.5
+    """The robot stops if the last command is older [simulated s]."""
+    scan_topic: str = "/scan"
+    odom_topic: str = "/odom"
+    imu_topic: str = "/imu"
+    cmd_vel_topic: str = "/cmd_vel"
+    stamped: bool = False
+    """Whether commands are TwistStamped messages instead of Twist."""
+
+
+class Server:
+    """Simulated robot that drives by `/cmd_vel`.
+
+    Publishes `/clock`, `/scan`, `/odom`, `/imu`, `/tf` and `/tf_static`.
+    """
+
+    def __init__(self, options: Options, bridge: Rosbridge) -> None:
+        """Place the robot and advertise its topics; ValueError for an unknown world or robot."""
+        o = self._options = options
+        self.robot = SimulatedRobot(
+            o.world, o.robot, physics=o.physics, people=o.people or None, start=o.start, rate=o.rate, seed=o.seed
+        )
+        self._bridge, self._command, self._commanded = bridge, Twist(0.0, 0.0), -math.inf
+        self._next_scan = 0.0
+        for topic, kind in {
+            "/clock": "rosgraph_msgs/msg/Clock",
+            o.odom_topic: "nav_msgs/msg/Odometry",
+            o.imu_topic: "sensor_msgs/msg/Imu",
+            o.scan_topic: "sensor_msgs/msg/LaserScan",
+            "/tf": "tf2_msgs/msg/TFMessage",
+        }.items():
+            bridge.advertise(topic, kind)
+        bridge.advertise("/tf_static", "tf2_msgs/msg/TFMessage", latch=True)
+        bridge.publish("/tf_static", messages.static_transforms(self.robot.robot.lidar.mount))
+        kind = "geometry_msgs/msg/TwistStamped" if o.stamped else "geometry_msgs/msg/Twist"
+        bridge.subscribe(o.cmd_vel_topic, kind, self._receive)
+
+    def _receive(self, message: Any) -> None:
+        twist = getattr(message, "twist", message)
+        self._command = Twist(float(twist.linear.x), float(twist.angular.z))
+        self._commanded = self.robot.time
+
+    def step(self) -> None:
+        """Publish the state of the robot, and simulate one period."""
+        robot, publish, o = self.robot, self._bridge.publish, self._options
+        now, lidar = robot.time, robot.robot.lidar
+        publish("/clock", messages.clock(now))
+        publish(o.odom_topic, messages.odometry(now, robot.odometry, robot.twist))
+        publish(o.imu_topic, messages.imu(now, robot.reading.yaw_rate))
+        publish("/tf", messages.transforms(now, (messages.ODOM, messages.BASE, robot.odometry)))
+        if now >= self._next_scan - 1e-9:
+            self._next_scan += 1.0 / o.scan_rate
+            # rosbridge refuses infinite numbers and NaN; numbers outside of the limits mean the same.
+            ranges = np.nan_to_num(robot.reading.ranges, nan=0.0, posinf=lidar.range_max + 1.0)
+            publish(o.scan_topic, messages.laser_scan(now, ranges, lidar, 1.0 / o.scan_rate))
+        is_fresh = now - self._commanded <= o.timeout
+        robot.step(self._command if is_fresh else Twist(0.0, 0.0))
+
+    def run(self, is_over: threading.Event) -> None:
+        """Simulate at the chosen multiple of real time."""
+        began, speed = time.monotonic() - self.robot.time / self._options.speed, self._options.speed
+        while not is_over.is_set():
+            self.step()
+            ahead = self.robot.time / speed - (time.monotonic() - began)
+            began -= min(ahead, 0.0)  # if too slow, do not catch up
+            time.sleep(max(ahead, 0.0))
+
+
+def main(options: Options) -> None:
+    """Simulate a robot in real time, or at a multiple, until Ctrl-C.
+
+    Raises:
+        ValueError: an option has a value that is not allowed.
+    """
+    if not min(options.speed, options.rate, options.scan_rate) > 0.0:
+        raise ValueError("speed, rate and scan_rate must be positive")
+    with contextlib.closing(Rosbridge(options.url)) as bridge, contextlib.suppress(KeyboardInterrupt):
+        server = Server(options, bridge)
+        LOGGER.info("%s in %s, start %s", server.robot.robot.name, server.robot.world.name, server.robot.start)
+        server.run(threading.Event())
+
+
+def cli() -> None:
+    """Run `main` with options of the command line."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    run_command(main, options=Options, status=1)
+
+
+if __name__ == "__main__":
+    cli()

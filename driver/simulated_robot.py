@@ -1,0 +1,68 @@
+"""Simulated robot that sends messages like a real one."""
+
+from typing import Any
+
+import numpy as np
+
+from lidarnaut.envs.arguments import choose_robot
+from lidarnaut.envs.estimation import ORIGIN
+from lidarnaut.envs.estimation.motion import make_motion_source
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist, make_simulator
+from lidarnaut.envs.simulation.crowd import crowd_of
+from lidarnaut.envs.worlds import explorable_area, world_sampler
+
+
+class SimulatedRobot:
+    """Robot in a simulated world, with odometry at a high rate, for programs that drive by messages."""
+
+    def __init__(
+        self,
+        world: Any = "turtlebot3_house",
+        robot: str | RobotParams | None = None,
+        *,
+        physics: str = "kinematic",
+        people: Any = None,
+        start: str = "random",
+        rate: float = 50.0,
+        seed: int = 0,
+    ) -> None:
+        """Place a robot at a random start, or at the world's first spawn (`start="spawn"`).
+
+        `world`, `robot`, `physics`, `people`: as in `LidarEnv`. `rate`: steps and odometry messages per second [Hz].
+        """
+        self.robot = choose_robot(robot, world)
+        self.period = 1.0 / rate
+        rng = np.random.default_rng(seed)
+        self.world = world_sampler(world, radius=self.robot.radius)(rng)
+        self.area = explorable_area(self.world, self.robot, 0.05)
+        self.start = self.world.spawns[0] if start == "spawn" else self.area.draw_pose(rng)
+        """True pose of the odometry frame, world frame."""
+        self._simulator = make_simulator(physics, self.robot, self.period, crowd=crowd_of(people))
+        crowd_rng = rng if self._simulator.crowd.crowd else None
+        (self.reading,) = self._simulator.reset(self.world, [self.start], [rng.spawn(1)[0]], crowd_rng)
+        self._motion = make_motion_source(self.robot, self.period)
+        self._motion.reset(self.reading)
+        self.odometry = ORIGIN
+        """Base pose in the odometry frame, which begins at the start."""
+        self.twist = Twist(0.0, 0.0)
+        """Velocity by odometry."""
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start [s]."""
+        return self.reading.time
+
+    @property
+    def pose(self) -> Pose2D:
+        """True pose, world frame."""
+        return self._simulator.states[0].pose
+
+    def step(self, command: Twist) -> Reading:
+        """Simulate one period with a velocity command; return the readings."""
+        (self.reading,) = self._simulator.step([command])
+        motion = self._motion.update(self.reading)
+        self.odometry = self.odometry.compose(motion)
+        self.twist = Twist(motion.x / self.period, motion.theta / self.period)
+        return self.reading

@@ -1,0 +1,243 @@
+import itertools
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+
+import lidarnaut  # noqa: F401
+from lidarnaut.baselines import make_explorer, policies_for
+from lidarnaut.baselines.episode import begin_episode, decide_with
+from lidarnaut.benchmarks.drives.driving import IDEAL, LINKS, Link, Loop
+from lidarnaut.driver import Driver
+from lidarnaut.driver.simulated_robot import SimulatedRobot
+from lidarnaut.envs.estimation import ORIGIN
+from lidarnaut.envs.estimation.motion import make_motion_source
+from lidarnaut.envs.geometry import wrap_angle
+from lidarnaut.envs.logs.trajectory import compose_poses, odometry_scales
+
+BURGER = "turtlebot3_burger"
+STEPS = 120
+
+
+def learned(name, **options):
+    pytest.importorskip("torch")
+    from lidarnaut.agents.learned import load_policy
+
+    return load_policy(f"pretrained/{name}", **options)
+
+
+def controller(name):
+    env = gymnasium.make("lidarnaut/ReachGoal-v0", physics="kinematic")
+    env.reset(seed=0)
+    return policies_for(env)[name]()
+
+
+EXPLORE = {"id": "lidarnaut/Explore-v0", "world": "turtlebot3_house", "robot": BURGER}
+REACH = {"id": "lidarnaut/ReachHouse-v0", "robot": BURGER, "slam": "hector"}
+NAVIGATE = {"id": "lidarnaut/Navigate-v0", "world": "turtlebot3_house", "robot": BURGER, "start": "spawn"}
+NAVIGATE |= {"map_pose": "spawn", "initial_pose": (0.0, 0.0, 0.0)}
+CASES = {
+    "pursuit": (lambda: make_explorer("pursuit"), EXPLORE | {"slam": "tinyslam"}),
+    "rrt": (lambda: make_explorer("rrt"), EXPLORE),
+    "score": (lambda: learned("frontiers", pursuit=True), EXPLORE),
+    "mppi": (lambda: controller("mppi"), REACH),
+    "dwb": (lambda: controller("dwb"), NAVIGATE | {"heading_tolerance": 0.2}),
+    "crowd": (lambda: learned("crowd"), {"id": "lidarnaut/ReachCrowd-v0"}),
+    "reach": (lambda: learned("reach"), REACH),
+}
+
+
+def compare(make, arguments, motion):
+    """Feed the readings of an episode to a driver; return both sequences of commands, and the driver."""
+    policy, own = make(), make()
+    arguments = {"physics": "kinematic", **arguments}
+    if hasattr(policy, "observations"):
+        arguments |= {"observations": policy.observations, "collision_monitor": policy.collision_monitor}
+    env = gymnasium.make(**arguments).unwrapped
+    observation, _ = begin_episode(env, policy, 3, np.random.default_rng([3, 1]))
+    decide = decide_with(policy, env)
+    simulated = "world", "robot", "physics", "people", "start", "map_pose"
+    kept = {key: value for key, value in arguments.items() if key not in simulated}
+    if hasattr(env.task, "localizer"):
+        kept["map"] = env.priors[0].map
+    driver = Driver(own, env.robot, motion=motion, seed=3, **kept)
+    if hasattr(env.task, "goal"):
+        driver.goal(*env.task.goal)
+    source, pose = make_motion_source(env.robot, env.control_period), ORIGIN
+    source.reset(env.reading)
+    commands = []
+    for k in range(STEPS):
+        reading = env.reading
+        pose = pose.compose(source.update(reading)) if k else pose
+        if motion == "encoders":
+            driver.encoders(*reading.ticks, reading.time)
+            driver.imu(reading.yaw_rate, reading.time)
+        else:
+            driver.odometry(pose, reading.time)
+        driver.bumper(reading.bumper)
+        driver.scan(reading.ranges, reading.time)
+        action = decide(observation)
+        commands.append((env.twists(action)[0], driver.command(reading.time)))
+        observation, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            break
+    return np.array(commands), driver
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_driver_commands_as_the_environment_does(name):
+    commands, driver = compare(*CASES[name], "encoders")
+    assert len(commands) > 40
+    np.testing.assert_array_equal(commands[:, 1], commands[:, 0])
+    assert driver.reason == ""
+    assert not driver.dropped
+
+
+@pytest.mark.parametrize("name", ["rrt", "dwb", "crowd"])
+def test_poses_of_odometry_differ_by_rounding(name):
+    commands, _ = compare(*CASES[name], "odometry")
+    assert np.quantile(np.abs(commands[:, 1] - commands[:, 0]), 0.9) < 1e-3
+
+
+def loop_with(driver, link=IDEAL):
+    return Loop(driver, SimulatedRobot("turtlebot3_world", BURGER, start="spawn"), link)
+
+
+@pytest.mark.parametrize("link", [*LINKS.values(), Link(odometry_delay=0.15)])
+def test_scans_and_odometry_of_other_rates_and_delays_are_aligned(link):
+    driver = Driver(make_explorer("pursuit"), BURGER)
+    messages = loop_with(driver, link)
+    messages.run(25.0)
+    assert messages.contacts == 0
+    assert messages.error < 0.06
+    assert (driver.belief.grid.data >= 0).sum() > 6000
+    assert not any(messages.reasons[5:])
+
+
+def test_without_scans_or_odometry_the_robot_stops_and_goes_on_later():
+    driver = Driver(make_explorer("pursuit"), BURGER, timeout=0.5)
+    messages = loop_with(driver)
+    assert driver.command(0.0) == (0.0, 0.0)
+    assert driver.reason == "no scan yet"
+    messages.run(4.0)
+    for kind, reason in (("scan", "no scan for 0.6 s"), ("odometry", "no odometry for 0.6 s")):
+        messages.silent = {kind}
+        messages.run(2.0)
+        assert reason in messages.reasons
+        assert messages.command == (0.0, 0.0)
+        messages.silent = set()
+        messages.run(3.0)
+        assert messages.reasons[-1] == ""
+        assert messages.command != (0.0, 0.0)
+    assert messages.error < 0.06
+
+
+def test_two_seconds_of_delay_stop_the_robot():
+    driver = Driver(make_explorer("pursuit"), BURGER)
+    messages = loop_with(driver)
+    messages.run(4.0)
+    messages.link = Link(odometry_delay=2.0, scan_delay=2.0)
+    messages.run(4.0)
+    assert messages.command == (0.0, 0.0)
+    assert messages.reasons[-1].startswith("no scan for 2.")
+    messages.link = Link()
+    messages.run(6.0)
+    assert messages.reasons[-1] == ""
+
+
+@pytest.mark.parametrize("jump", [-5.0, 1000.0])
+def test_a_jump_of_the_clock_begins_anew_and_keeps_the_map(jump):
+    driver = Driver(make_explorer("pursuit"), BURGER)
+    messages = loop_with(driver)
+    messages.run(5.0)
+    known = (driver.belief.grid.data >= 0).sum()
+    messages.offset = jump
+    messages.run(5.0)
+    assert messages.reasons[-1] == ""
+    assert messages.error < 0.06
+    assert (driver.belief.grid.data >= 0).sum() >= known
+
+
+def test_unusable_messages_are_dropped_and_counted():
+    driver = Driver(make_explorer("pursuit"), BURGER)
+    messages = loop_with(driver)
+    messages.run(2.0)
+    now = messages.robot.time - 0.02
+    driver.scan(np.full(360, np.nan), now + 1.0)
+    driver.scan(messages.robot.reading.ranges, 1.5)
+    driver.odometry((math.nan, 0.0, 0.0), now + 1.0)
+    driver.odometry((0.0, 0.0, 0.0), math.inf)
+    driver.odometry((0.0, 0.0, 0.0), now)
+    assert driver.dropped == {
+        "scan without a valid beam": 1,
+        "scan that is not newer than the last": 1,
+        "odometry that is not finite": 2,
+        "odometry that is not newer than the last": 1,
+    }
+    messages.run(2.0)
+    assert messages.reasons[-1] == ""
+    with pytest.raises(ValueError, match=r"scan must have 360 ranges, got shape \(3,\)"):
+        driver.scan(np.ones(3), 9.0)
+
+
+def test_a_jump_of_odometry_does_not_move_the_robot():
+    driver = Driver(make_explorer("pursuit"), BURGER)
+    messages = loop_with(driver)
+    messages.run(5.0)
+    messages.robot.odometry = messages.robot.odometry._replace(x=40.0)
+    messages.run(3.0)
+    assert messages.error < 0.06
+    assert driver.dropped == {"jump of odometry": 1}
+
+
+def test_goals_are_reached_one_after_the_other():
+    driver = Driver(controller("pursuit"), BURGER, id="lidarnaut/ReachGoal-v0", slam="hector")
+    messages = loop_with(driver)
+    messages.run(1.0)
+    assert driver.reason == "no goal yet"
+    for goal in ((1.0, 1.0), (0.0, 0.0)):
+        driver.goal(*goal)
+        messages.run(0.5)
+        for _ in itertools.takewhile(lambda _: driver.reason != "reached", range(60)):
+            messages.run(0.5)
+        assert driver.reason == "reached"
+        assert math.dist(driver.belief.pose[:2], goal) < 0.35
+    assert messages.contacts == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"motion": "wheels"}, r"motion must be 'odometry' or 'encoders', got 'wheels'"),
+        ({"timeout": 0.0}, r"timeout must be positive"),
+        ({"id": "lidarnaut/ExploreTeam-v0"}, r"lidarnaut/ExploreTeam-v0 is not for a single robot"),
+        ({"id": "lidarnaut/Navigate-v0"}, r"needs the argument map"),
+        ({"slam": "truth"}, r"slam must not be 'truth'"),
+        ({"observations": ["scann"]}, r"unknown observation 'scann'"),
+    ],
+)
+def test_wrong_arguments_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Driver(make_explorer("pursuit"), BURGER, **arguments)
+    with pytest.raises(ValueError, match="task Explore has no goal"):
+        Driver(make_explorer("pursuit"), BURGER).goal(1.0, 2.0)
+
+
+def test_scales_of_odometry_are_found_in_a_log_and_correct_a_robot():
+    rng = np.random.default_rng(0)
+    steps = np.column_stack([rng.uniform(0.0, 0.1, 200), np.zeros(200), rng.uniform(-0.2, 0.3, 200)])
+    truth, measured = [np.zeros(3)], [np.zeros(3)]
+    for step in steps:
+        truth.append(compose_poses(truth[-1][None], step[None])[0])
+        measured.append(compose_poses(measured[-1][None], (step / (1.05, 1.0, 0.9))[None])[0])
+    scales = odometry_scales(np.array(measured), np.array(truth))
+    assert scales == pytest.approx((1.05, 0.9), abs=0.01)
+    driver = Driver(make_explorer("pursuit"), BURGER, slam="odometry", odometry_scales=(1.05, 0.9))
+    for k, pose in enumerate(measured):
+        driver.odometry(pose, 0.5 * k)
+        driver.scan(np.full(360, 1.0), 0.5 * k)
+        driver.command(0.5 * k)
+    x, y, theta = driver.belief.pose
+    assert math.dist((x, y), truth[-1][:2]) < 0.1
+    assert abs(wrap_angle(theta - truth[-1][2])) < 0.02

@@ -1,0 +1,148 @@
+import contextlib
+import math
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from lidarnaut.driver.simulated_robot import SimulatedRobot
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.logs import messages
+
+pytest.importorskip("websockets")
+
+from lidarnaut.driver import drive, serve
+from lidarnaut.driver.rosbridge import Rosbridge, from_json, to_json
+
+from .broker import Broker
+
+SPEED = 4.0
+SERVED = {"world": "turtlebot3_world", "robot": "turtlebot3_burger", "speed": SPEED}
+
+
+def wait_for(condition, seconds=10.0):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.01)
+    assert condition()
+
+
+@pytest.fixture
+def broker():
+    with contextlib.closing(Broker()) as broker:
+        yield broker
+
+
+@contextlib.contextmanager
+def running(broker, drive_options=(), **serve_options):
+    """Run a simulated robot and a session that drives it, in threads of their own."""
+    with contextlib.ExitStack() as held:
+        bridges = [held.enter_context(contextlib.closing(Rosbridge(broker.url))) for _ in range(2)]
+        server = serve.Server(serve.Options(url=broker.url, **SERVED, **serve_options), bridges[0])
+        options = drive.Options(url=broker.url, use_sim_time=True, **{"policy": "pursuit", **dict(drive_options)})
+        session = held.enter_context(contextlib.closing(drive.Session(options, bridges[1])))
+        is_over = threading.Event()
+        for work in (server.run, session.run):
+            thread = threading.Thread(target=work, args=(is_over,), daemon=True)
+            thread.start()
+            held.callback(thread.join)
+        held.callback(is_over.set)
+        yield server, session
+
+
+def error_of(server, session):
+    x, y, _ = server.robot.start.compose(session.driver.belief.pose)
+    return math.hypot(x - server.robot.pose.x, y - server.robot.pose.y)
+
+
+@pytest.mark.parametrize("options", [{}, {"lidar_from_messages": True}])
+def test_a_simulated_robot_is_driven_over_the_network(broker, options):
+    with running(broker, options) as (server, session):
+        wait_for(lambda: server.robot.time > 20.0, 30.0)
+        assert session.driver.reason == ""
+        assert (session.driver.belief.grid.data >= 0).sum() > 4000
+        assert error_of(server, session) < 0.15
+
+
+def test_a_lost_connection_stops_the_robot_and_the_session_goes_on_afterwards(broker):
+    with running(broker) as (server, session):
+        wait_for(lambda: server.robot.time > 5.0)
+        broker.close()
+        wait_for(lambda: "connection" in session.reason)
+        wait_for(lambda: max(map(abs, server.robot.twist)) < 0.05)
+        with contextlib.closing(Broker(broker.port)):
+            wait_for(lambda: session.reason == "", 15.0)
+            begin = server.robot.time
+            wait_for(lambda: server.robot.time > begin + 5.0)
+            assert error_of(server, session) < 0.15
+
+
+def test_the_dead_mans_switch_permits_driving(broker):
+    with running(broker, {"dead_man": "/enable"}) as (server, session):
+        wait_for(lambda: session.reason == "/enable is not true")
+        assert max(map(abs, server.robot.odometry)) < 0.01
+        with contextlib.closing(Rosbridge(broker.url)) as bridge:
+            bridge.advertise("/enable", "std_msgs/msg/Bool")
+            permit = messages._make("std_msgs/msg/Bool", True)
+            for _ in range(20):
+                bridge.publish("/enable", permit)
+                time.sleep(0.1)
+            assert session.reason == ""
+        wait_for(lambda: session.reason == "/enable is not true")
+
+
+def test_messages_of_other_frames_are_ignored_with_a_warning(broker, caplog):
+    with running(broker) as (server, session):
+        wait_for(lambda: session.driver.has_begun)
+        with contextlib.closing(Rosbridge(broker.url)) as bridge:
+            bridge.advertise("/odom", "nav_msgs/msg/Odometry")
+            wrong = messages.odometry(server.robot.time, Pose2D(9.0, 9.0, 1.0), server.robot.twist)
+            wrong.header.frame_id = "odom_combined"
+            wait_for(lambda: bridge.error == "")
+            for _ in range(5):
+                bridge.publish("/odom", wrong)
+            wait_for(lambda: "messages of frame 'odom_combined' are ignored, expected 'odom'" in caplog.text)
+        assert not session.driver.dropped
+        assert error_of(server, session) < 0.15
+
+
+def test_a_session_is_recorded_as_a_bag_and_its_map_is_saved(broker, tmp_path):
+    from lidarnaut.envs.logs.log import load_log
+    from lidarnaut.envs.worlds import load_map
+
+    options = {"record": tmp_path / "drive.mcap", "save_map": tmp_path / "map.yaml"}
+    with running(broker, options) as (server, session):
+        wait_for(lambda: session.driver.has_begun)
+        begin = server.robot.time
+        wait_for(lambda: server.robot.time > begin + 6.0)
+    log = load_log(tmp_path / "drive.mcap")
+    assert len(log.ranges) > 30
+    assert log.lidar.num_beams == 360
+    assert (load_map(tmp_path / "map.yaml").data == 0).sum() > 1000
+
+
+def test_messages_become_json_of_both_versions_of_ros():
+    scan = messages.laser_scan(1.5, np.array([1.0, np.inf, np.nan], np.float32), SimulatedRobot().robot.lidar, 0.1)
+    data = to_json(scan)
+    assert data["ranges"] == [1.0, None, None]
+    assert data["header"]["stamp"] == {"secs": 1, "nsecs": 500_000_000}
+    for names in (("sec", "nanosec"), ("secs", "nsecs")):
+        assert vars(from_json({"stamp": dict(zip(names, (1, 5)))}).stamp) == {"sec": 1, "nanosec": 5}
+    points = to_json(messages.points(1.0, np.ones((2, 2))))
+    assert "texture" not in points["markers"][0]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"no_return": "0"}, "no_return must be 'inf' or 'nan', got '0'"),
+        ({"policy": "pursuitt"}, "unknown policy 'pursuitt'"),
+        ({"policy": "mppi", "slam": "hectorr"}, "unknown SLAM 'hectorr'"),
+        ({"robot": "nobody"}, "nobody"),
+    ],
+)
+def test_wrong_options_are_refused(broker, options, message):
+    bridge = Rosbridge(broker.url)
+    with contextlib.closing(bridge), pytest.raises(ValueError, match=message):
+        drive.Session(drive.Options(url=broker.url, **options), bridge)
