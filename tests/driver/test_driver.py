@@ -1,11 +1,13 @@
 import itertools
 import math
+from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
 
 import lidarnaut  # noqa: F401
+from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines import make_explorer, policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with
 from lidarnaut.benchmarks.drives.driving import IDEAL, LINKS, Link, Loop
@@ -92,6 +94,24 @@ def test_a_driver_commands_as_the_environment_does(name):
     np.testing.assert_array_equal(commands[:, 1], commands[:, 0])
     assert driver.reason == ""
     assert not driver.dropped
+
+
+def test_a_driver_commands_as_the_environment_does_with_a_policy_in_onnx(tmp_path, monkeypatch):
+    pytest.importorskip("onnxruntime")
+    export = pytest.importorskip("lidarnaut.agents.export", exc_type=ImportError)
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "examples"))
+    from run_onnx import OnnxPolicy
+
+    export.main("ppo:pretrained/crowd", tmp_path / "crowd.onnx")
+
+    def make():
+        policy = make_policy(OnnxPolicy(tmp_path / "crowd.onnx"))
+        policy.observations, policy.collision_monitor = ("trajectories", "goal", "motion", "limits"), True
+        return policy
+
+    commands, _ = compare(make, {"id": "lidarnaut/ReachCrowd-v0"}, "encoders")
+    assert len(commands) > 40
+    np.testing.assert_array_equal(commands[:, 1], commands[:, 0])
 
 
 @pytest.mark.parametrize("name", ["rrt", "dwb", "crowd"])
