@@ -162,7 +162,7 @@ class Driver:
 
     @property
     def map_to_odometry(self) -> Pose2D:
-        """Pose of the odometry frame in the map frame, for `/tf`."""
+        """Pose of the odometry frame in the map frame, for `/tf`; without odometry messages, the estimated pose."""
         return self.belief.pose.compose(Pose2D(*self._pose.tolist()).inverse())
 
     def command(self, stamp: float) -> Twist:
@@ -193,7 +193,7 @@ class Driver:
             for each in (self._scans, self._motion, self._rates):
                 each.clear()
             self._newest.clear()
-            self._stamp = -math.inf
+            self._stamp = self._scan_stamp = -math.inf
         elif stamp <= last:
             self.dropped[f"{kind} that is not newer than the last"] += 1
             return
@@ -278,8 +278,10 @@ class Driver:
     def _why_stopped(self, stamp: float) -> str:
         if not self.has_begun:
             return "no odometry yet" if self._scans else "no scan yet"
-        if not stamp - self._scan_stamp <= self.timeout:
-            return f"no {'odometry' if self._scans else 'scan'} for {stamp - self._scan_stamp:.1f} s"
+        if (age := stamp - self._scan_stamp) < -self.timeout:
+            return f"the clock of the messages is {-age:.1f} s ahead"
+        if not age <= self.timeout:
+            return f"no {'odometry' if self._scans else 'scan'} for {age:.1f} s"
         task = self.env.task
         if hasattr(task, "goal"):
             if not task.has_goal:

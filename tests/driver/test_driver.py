@@ -179,6 +179,19 @@ def test_a_jump_of_the_clock_begins_anew_and_keeps_the_map(jump):
     assert (driver.belief.grid.data >= 0).sum() >= known
 
 
+def test_a_jump_of_the_clock_without_further_scans_stops_the_robot():
+    driver = Driver(make_explorer("pursuit"), BURGER)
+    messages = loop_with(driver)
+    messages.run(5.0)
+    messages.offset, messages.silent = -5.0, {"scan"}
+    messages.run(2.0)
+    assert messages.command == (0.0, 0.0)
+    assert messages.reasons[-1].startswith("no scan for ")
+    messages.silent, messages.offset = {"scan", "odometry"}, -100.0
+    messages.run(1.0)
+    assert messages.command == (0.0, 0.0)
+
+
 def test_unusable_messages_are_dropped_and_counted():
     driver = Driver(make_explorer("pursuit"), BURGER)
     messages = loop_with(driver)
