@@ -53,11 +53,11 @@ class Options:
     initial_pose: tuple[float, float, float] | None = None
     """Start on the known map, x, y [m] and heading [rad]; default: unknown (global localization)."""
     control_hz: float = 10.0
-    """Commands per second [Hz]."""
+    """Commands per second [Hz]; learned policies have the rate of their training."""
     max_v: float | None = None
-    """Lower limit of the forward speed than that of the robot [m/s]."""
+    """Maximum forward speed, if below that of the robot [m/s]."""
     max_w: float | None = None
-    """Lower limit of the yaw rate than that of the robot [rad/s]."""
+    """Maximum yaw rate, if below that of the robot [rad/s]."""
     timeout: float = 1.0
     """The robot stops if the last scan or the connection is older [s]."""
     dry_run: bool = False
@@ -291,9 +291,10 @@ class Session:
         return command
 
     def run(self, is_over: threading.Event) -> None:
-        """Send commands at the control rate."""
-        due, stepped, period = -math.inf, 0.0, 1.0 / self.options.control_hz
+        """Send commands at the control rate, which is that of the training for learned policies."""
+        due, stepped = -math.inf, 0.0
         while not is_over.is_set():
+            period = 1.0 / self.options.control_hz if self.driver is None else self.driver.env.control_period
             now, is_frozen = self.time, time.monotonic() - stepped > self.options.timeout
             if now >= due or now < due - 1.0 or is_frozen:
                 self.step()
