@@ -67,7 +67,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     The arguments of the task, and:
 
     - `robot` (`None`): library robot, path of a robot YAML, or `RobotParams`; `None` selects the world's default.
-    - `physics` (`"bullet"`): `"bullet"` (PyBullet) or `"kinematic"`, the default of vector environments.
+    - `physics` (`"bullet"`): `"bullet"` (PyBullet), `"kinematic"`, the default of vector environments, or a subclass of
+      `Simulator`.
     - `control_hz` (`10.0`): steps per second.
     - `time_limit` (`None`): maximum duration of an episode [s]; `None` selects the task's default.
     - `observations` (`None`): parts of the observation, see `lidarnaut.envs.observations.make_parts`; `None` selects

@@ -10,7 +10,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.baselines.frontier.pursuit_explorer import PursuitDriving
+from lidarnaut.baselines.frontier.pursuit_explorer import PERIOD, PursuitDriving
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.frontier.rules import nearest
 from lidarnaut.envs.estimation import Belief
@@ -122,4 +122,4 @@ class PursuitScoreExplorer(PursuitDriving, ScoreExplorer):
 
     def __init__(self, score: FrontierScore) -> None:
         super().__init__(score)
-        self.max_time = 1.0
+        self.max_time = PERIOD

@@ -11,6 +11,8 @@ from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost, free_dist
 from lidarnaut.envs.observations.plan import LOOKAHEADS, look_ahead
 from lidarnaut.envs.simulation import Reading, Twist
 
+PERIOD = 1.0
+"""Time between choices of a frontier [s]."""
 TURN = 1.2
 """Proportional gain of the heading controller: yaw rate / maximum yaw rate, per heading error [1/rad]."""
 
@@ -32,7 +34,7 @@ class PursuitExplorer(PursuitDriving):
     """Chooses frontiers by unknown area divided by path cost, and does not slow down in bends."""
 
     def __init__(self) -> None:
-        super().__init__(GainOverCost(), max_time=1.0)
+        super().__init__(GainOverCost(), max_time=PERIOD)
 
 
 def pursue(frontiers: FrontierNavigator, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:

@@ -56,7 +56,7 @@ class Loop:
         simulation [s]."""
         self._pending: list[tuple[float, str, Any, float]] = []
         self._latest = {"scan": 0.0, "odometry": 0.0}
-        self._next_scan = self._next_command = 0.0
+        self._next_scan = self._next_command = robot.time
         self._touched = False
 
     def run(self, seconds: float, watch: Callable[[], bool] = lambda: False) -> bool:
@@ -177,9 +177,7 @@ def measure_loads(hours: float = 1.0) -> list[Row]:
             policy = make_policy(name)
             arguments = {"slam": "hector", "observations": getattr(policy, "observations", None)}
             driver = Driver(policy, ROBOT, id=id, **arguments)
-            loop = Loop(driver, robot)
-            loop._next_scan = loop._next_command = began = robot.time
-
+            loop, began = Loop(driver, robot), robot.time
             loop.run(min(600.0, end - sum(spent)), partial(_is_over, driver, robot, rng))
             spent.append(robot.time - began)
             used += loop.processor_time

@@ -20,8 +20,6 @@ MAX_IMPOSSIBLE = 0.05
 """Maximum share of impossible odometry motions. Above this share, no motion is interpolated."""
 MAX_GLITCH = 2.0
 """Maximum duration of an odometry glitch that is interpolated [s]."""
-
-
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
 """Odometry does not cover gaps that last longer than this time [s] while the robot moves farther than this [m, rad]."""
 
@@ -49,10 +47,10 @@ def odometry_scales(odometry: np.ndarray, poses: np.ndarray) -> tuple[float, flo
 
 
 def find_gaps(times: np.ndarray, poses: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return which of the times `at`, shape (m,), odometry does not cover, as two masks, shape (m,), bool.
+    """Find the times `at`, shape (m,), without odometry; return two masks, shape (m,), bool.
 
-    The first marks times before or after all poses; the second, times in a gap of over `MAX_GAP` [s] in which the robot
-    moves by more than `MAX_GAP_MOTION` [m, rad]. `times`: shape (n,), ascending [s]. `poses`: shape (n, 3).
+    The first marks times before or after all poses; the second, times in gaps, which are longer than `MAX_GAP` and have
+    a motion above `MAX_GAP_MOTION`. `times`: shape (n,), ascending [s]. `poses`: shape (n, 3).
     """
     after = np.searchsorted(times, at)
     outside = (at < times[0]) | (at > times[-1])
