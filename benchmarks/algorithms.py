@@ -132,7 +132,7 @@ def task_section(task: TaskResults) -> Section:
     for name, scores in task.references.items():
         lines.append((Cell(name), Cell.of(score(scores, is_widened=True), measure), *[Cell("")] * 5))
     head = ("", measure.title, "vs. random", f"vs. {task.classic}", "seeds", "steps", "processor time s")
-    caption = f"{measure.title} over training steps, with 95 % intervals"
+    caption = f"{measure.title} over training steps in validation episodes, with 95 % intervals; lines: test episodes"
     picture = Figure(slug(task.name), render(draw_task, task), caption)
     return Section(task.name, (" ".join(sentences), picture, Table(head, lines, is_open=True)))
 
@@ -144,10 +144,13 @@ def draw_task(task: TaskResults) -> Picture:
         middle, low, high = np.array([score(one, is_widened=True)[:3] for one in scores]).T * scale
         axes.fill_between(task.steps[name] / 1000, low, high, color=color, alpha=0.15, linewidth=0)
         axes.plot(task.steps[name] / 1000, middle, color=color, marker=".", label=f"{name}, {task.times[name]:.0f} s")
-    for dash, (name, scores) in zip(cycle(DASHES), task.references.items()):
+    references = sorted(task.references.items(), key=lambda item: item[0] == RANDOM)
+    for dash, (name, scores) in zip(cycle(DASHES), references):
+        axes.autoscale(name != RANDOM)  # `random` is far below the others
+        level = scores.mean() * scale
         color = MUTED if name == RANDOM else INK
-        axes.axhline(scores.mean() * scale, color=color, linestyle=dash, linewidth=1.2, label=name)
-    axes.set(xlabel="thousand steps", ylabel=task.measure.title, title=task.name, ylim=(0.0, None))
+        axes.axhline(level, color=color, linestyle=dash, linewidth=1.2, label=f"{name}, {level:.1f}")
+    axes.set(xlabel="thousand steps", ylabel=task.measure.title, title=task.name)
     figure.legend(loc="outside right center")
     return figure
 

@@ -99,7 +99,17 @@ def _section(name: str, members: Sequence[Member], rows: Sequence[Row]) -> Secti
     if isinstance(table, Table):
         ends = Cell("last checkpoint"), Cell.of(score(np.array(last), is_widened=True), task.measure), *[Cell("")] * 5
         table = table._replace(lines=[*table.lines, ends])
-    return Section(name, (" ".join(about), *parts, table))
+    return Section(name, (" ".join([*about, *_times(rows)]), *parts, table))
+
+
+def _times(rows: Sequence[Row]) -> list[str]:
+    """Return a sentence with mean times to 95 % coverage, if the task measures them."""
+    times: dict[str, list[str]] = {}
+    for row in rows:
+        if row.get("checkpoint") != "last" and "time_to_95" in row:
+            times.setdefault(str(row["policy"]), []).append(f"{float(row['time_to_95']):.0f}")
+    policies = "; ".join(f"{name} {', '.join(some)} s" for name, some in times.items())
+    return [f"Mean time to 95 % (time limit, if never reached), by seed: {policies}."] if times else []
 
 
 def _overview() -> Table:
