@@ -123,27 +123,18 @@ class Session:
 
     def _make_driver(self, robot: RobotParams) -> Driver:
         o = self.options
-        has_goal = o.goal is not None or o.map is not None
-        makers = OFFERED["goal"] if has_goal or o.policy in OFFERED["goal"].keys() - EXPLORERS.keys() else EXPLORERS
-        policy = parse_policy(o.policy, makers, trust=o.trust)
-        made, arguments = policy.make(), dict(policy.arguments)
-        id = getattr(made, "id", "lidarnaut/ReachGoal-v0" if makers is OFFERED["goal"] else "lidarnaut/Explore-v0")
-        if o.map is not None:
-            id = "lidarnaut/Navigate-v0"
-            arguments |= {"map": o.map, "initial_pose": "unknown" if o.initial_pose is None else o.initial_pose}
-        else:
+        has_goal = (o.goal or o.map) is not None or o.policy in OFFERED["goal"].keys() - EXPLORERS.keys()
+        makers = OFFERED["goal"] if has_goal else EXPLORERS
+        policy = parse_policy(o.policy, makers, trust=o.trust).make()
+        id = getattr(policy, "id", "lidarnaut/ReachGoal-v0" if has_goal else None)
+        arguments: dict[str, Any] = {"timeout": o.timeout, "seed": o.seed, "odometry_scales": o.odometry_scales}
+        if o.map is None:
             arguments["slam"] = o.slam
-        hz = getattr(made, "control_hz", None) or o.control_hz
-        driver = Driver(
-            made,
-            robot,
-            id=id,
-            control_hz=hz,
-            timeout=o.timeout,
-            seed=o.seed,
-            odometry_scales=o.odometry_scales,
-            **arguments,
-        )
+        else:
+            pose = "unknown" if o.initial_pose is None else o.initial_pose
+            id, arguments = "lidarnaut/Navigate-v0", arguments | {"map": o.map, "initial_pose": pose}
+        hz = getattr(policy, "control_hz", None) or o.control_hz
+        driver = Driver(policy, robot, id=id, control_hz=hz, **arguments)
         if o.record is not None:
             self._recorder = BagRecorder(driver.env, o.record)
         if o.goal is not None:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from lidarnaut.agents.policies import needed_arguments
 from lidarnaut.baselines.episode import Decide, begin_episode, decide_with
 from lidarnaut.baselines.policy import Policy
 from lidarnaut.envs.arguments import check_positive
@@ -52,9 +53,9 @@ class Driver:
         policy: Policy,
         robot: str | RobotParams,
         *,
-        id: str = "lidarnaut/Explore-v0",
+        id: str | None = None,
         motion: Literal["odometry", "encoders"] = "odometry",
-        control_hz: float = 10.0,
+        control_hz: float | None = None,
         timeout: float = 1.0,
         odometry_scales: tuple[float, float] = (1.0, 1.0),
         seed: int = 0,
@@ -65,18 +66,22 @@ class Driver:
         Args:
             policy: explorer, goal controller or learned policy.
             robot: library robot, path of a robot YAML, or parameters.
-            id: environment with the policy's task, which selects estimator, observations and goal.
+            id: environment with the policy's task, which selects estimator, observations and goal; default: that of
+                the policy's training, otherwise `lidarnaut/Explore-v0`.
             motion: messages with the motion of the wheels: `odometry` or `encoders`.
-            control_hz: rate of `command` [Hz].
+            control_hz: rate of `command` [Hz]; default: that of the policy's training, otherwise 10.
             timeout: maximum age of the last used scan; beyond, the robot stops [s].
             odometry_scales: factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a drive.
             seed: seed of estimator and policy.
-            arguments: arguments of the environment, such as `slam`, `map`, `observations` and `collision_monitor`.
+            arguments: arguments of the environment, such as `slam` and `map`. By default, `observations` and
+                `collision_monitor` are those of the policy's training, and `track_people` is True.
 
         Raises:
             ValueError: a value is not allowed, or the task is not for a single robot.
             TypeError: the environment has no such argument.
         """
+        id = id or str(getattr(policy, "id", "lidarnaut/Explore-v0"))
+        control_hz = control_hz or getattr(policy, "control_hz", None) or 10.0
         check_positive(control_hz=control_hz, timeout=timeout, odometry_scales=min(odometry_scales))
         if motion not in ("odometry", "encoders"):
             raise ValueError(f"motion must be 'odometry' or 'encoders', got {motion!r}")
@@ -84,6 +89,7 @@ class Driver:
         if motion == "odometry":
             counts = 2.0 * math.pi * robot.odometry.wheel_radius / TICK
             robot = replace(robot, odometry=replace(robot.odometry, ticks_per_rev=counts, uses_gyro=False))
+        arguments = {"track_people": True, **needed_arguments(policy), **arguments}
         self.env = LidarEnv(task_of(id), robot=robot, physics=Measurements, control_hz=control_hz, **arguments)
         """Environment without a simulator, for recordings and pictures."""
         self.robot, self.timeout, self._scales = robot, timeout, odometry_scales

@@ -175,8 +175,7 @@ def measure_loads(hours: float = 1.0) -> list[Row]:
         robot, used = SimulatedRobot(WORLD, ROBOT, people=people), 0.0
         while sum(spent) < end - 1.0:
             policy = make_policy(name)
-            arguments = {"slam": "hector", "observations": getattr(policy, "observations", None)}
-            driver = Driver(policy, ROBOT, id=id, **arguments)
+            driver = Driver(policy, ROBOT, id=id, slam="hector")
             loop, began = Loop(driver, robot), robot.time
             loop.run(min(600.0, end - sum(spent)), partial(_is_over, driver, robot, rng))
             spent.append(robot.time - began)

@@ -64,6 +64,8 @@ class Belief:
     update: MapUpdate = NO_UPDATE
     covariance: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     """Covariance of x, y and heading: shape (3, 3), float64 [m, m, rad]; zeros if not estimated."""
+    grows: bool = False
+    """True if scans extend the map (SLAM); False on a known map. `Robot.reset` sets it."""
     is_lost: bool = False
     """True if the pose estimate is unreliable."""
     rivals: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))

@@ -2,10 +2,10 @@ from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D, Window
+from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.simulation import Reading
 
-from .belief import NO_CELLS, ORIGIN, Belief, MapUpdate
+from .belief import ORIGIN, Belief
 
 
 class DeadReckoning:
@@ -26,7 +26,7 @@ class DeadReckoning:
             raise ValueError("dead reckoning needs a start pose; use localizer='amcl'")
         if map is None:
             blank = OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.int8), 0.05, (0.0, 0.0))
-            self.belief = Belief(pose, blank, MapUpdate(NO_CELLS, Window(0, 0, 1, 1)))
+            self.belief = Belief(pose, blank)
         else:
             self.belief = Belief(pose, map)
         return self.belief

@@ -251,7 +251,7 @@ class GoalNavigator:
         update = belief.update
         if self.map is None:
             if self.params.allow_unknown is None:
-                self._allow_unknown = update.window is not None or update.redrawn
+                self._allow_unknown = belief.grows
             planning = self.planning or (ON_GROWING_MAPS if self._allow_unknown else ON_KNOWN_MAPS)
             self.map = PlanningMap(self._robot, belief.grid.resolution, planning)
         if self._allow_unknown and self.goal is not None and not self._is_inside(belief.pose):

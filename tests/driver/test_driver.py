@@ -53,7 +53,7 @@ CASES = {
 def compare(make, arguments, motion):
     """Feed the readings of an episode to a driver; return both sequences of commands, and the driver."""
     policy, own = make(), make()
-    arguments = {"physics": "kinematic", **arguments}
+    arguments = {"physics": "kinematic", "track_people": True, **arguments}
     if hasattr(policy, "observations"):
         arguments |= {"observations": policy.observations, "collision_monitor": policy.collision_monitor}
     env = gymnasium.make(**arguments).unwrapped
@@ -237,6 +237,17 @@ def test_goals_are_reached_one_after_the_other():
         assert driver.reason == "reached"
         assert math.dist(driver.belief.pose[:2], goal) < 0.35
     assert messages.contacts == 0
+
+
+@pytest.mark.parametrize("people", [None, 6])
+def test_a_goal_in_unknown_space_is_reached_after_standing_still_also_among_people(people):
+    driver = Driver(controller("mppi"), BURGER, id="lidarnaut/ReachGoal-v0", slam="hector")
+    robot = SimulatedRobot("turtlebot3_house", BURGER, people=people, seed=0)
+    goal, messages = (3.87, 4.35), Loop(driver, robot)
+    messages.run(1.0)
+    driver.goal(*goal)
+    assert messages.run(120.0, lambda: driver.reason == "reached")
+    assert math.dist(robot.start.between(robot.pose)[:2], goal) < 0.4
 
 
 @pytest.mark.parametrize(

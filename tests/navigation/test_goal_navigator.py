@@ -6,8 +6,8 @@ import pytest
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.policy import to_action
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation import Belief, MapUpdate
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import DwbParams, GoalNavigator, GoalParams, Navigator
 from lidarnaut.envs.navigation.goal_navigator import LOCAL_PLANNERS
 from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
@@ -147,8 +147,7 @@ def test_a_path_through_the_unknown_is_taken_where_that_is_allowed():
     assert navigator_to((4.5, 0.0), allow_unknown=True).act(reading_of(), Belief(HERE, grid)).v > 0.0
     # On a growing map the path is valid, also outside of the map.
     grid.data[1:-1, -1] = -1
-    growing = Belief(HERE, grid)
-    growing.update = MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 80, 200))
+    growing = Belief(HERE, grid, grows=True)
     navigator = navigator_to((6.0, 0.0))
     assert navigator.act(reading_of(), growing).v > 0.0
     np.testing.assert_allclose(navigator.plan[-1], (6.0, 0.0), atol=0.1)
@@ -160,8 +159,7 @@ def test_a_gap_too_narrow_for_the_robot_is_looked_at_on_a_map_that_grows_where_t
     grid.data[1:-1, 146:] = 0
     grid.data[40 : 40 + gap, 145] = 0
     grid.data[:, -1] = grid.data[0] = grid.data[-1] = 100
-    growing = Belief(HERE, grid)
-    growing.update = MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 80, 200))
+    growing = Belief(HERE, grid, grows=True)
     navigator = navigator_to((4.0, 0.0))
     for _ in range(4):
         navigator.act(reading_of(), growing)
@@ -171,7 +169,7 @@ def test_a_gap_too_narrow_for_the_robot_is_looked_at_on_a_map_that_grows_where_t
 def unknown(pose=HERE):
     """Belief of dead reckoning, without a map."""
     blank = OccupancyGrid(np.full((1, 1), -1, dtype=np.int8), 0.05, (0.0, 0.0))
-    return Belief(pose, blank, MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 1, 1)))
+    return Belief(pose, blank, grows=True)
 
 
 def test_without_a_map_planning_cells_follow_robot_and_goal_and_reach_farther_where_there_is_no_path():
