@@ -1,12 +1,11 @@
 """Drive a robot of ROS 1 or ROS 2 through rosbridge: `lidarnaut-drive --url ws://robot:9090 --robot my_robot.yaml`."""
 
 import contextlib
-import dataclasses
 import logging
 import math
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,10 @@ import numpy as np
 from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.baselines import EXPLORERS, OFFERED
 from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.logs import messages
-from lidarnaut.envs.logs.scans import Limits, Scan, resampled, usable_scans
-from lidarnaut.envs.logs.transforms import FrameTree, frame_name, planar, seconds
+from lidarnaut.envs.logs.scans import Limits, Scan, in_base_frame, resampled, usable_scans
+from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, seconds
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.robots import LidarParams, Mount, RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
@@ -110,10 +110,11 @@ class Session:
         self._lock, self._tree = threading.RLock(), FrameTree()
         robot = load_robot(options.robot)
         max_v, max_w = options.max_v or robot.max_v, options.max_w or robot.max_w
-        self._robot = dataclasses.replace(robot, max_v=min(max_v, robot.max_v), max_w=min(max_w, robot.max_w))
+        self._robot = replace(robot, max_v=min(max_v, robot.max_v), max_w=min(max_w, robot.max_w))
         self._recorder: BagRecorder | None = None
         self.driver: Driver | None = None if options.lidar_from_messages else self._make_driver(self._robot)
         self._laser_frame, self._ignored = options.laser_frame, set[str]()
+        self._mount: np.ndarray | None = None
         self._permitted = -math.inf
         self._map_time = -math.inf
         self._sim_time, self._said = math.nan, ""
@@ -204,41 +205,33 @@ class Session:
         missing = math.inf if self.options.no_return == "inf" else math.nan
         ranges = np.array([missing if each is None else each for each in message.ranges], dtype=np.float32)
         beams = message.angle_min, message.angle_increment, message.range_min, message.range_max
-        (scan,), _ = usable_scans([Scan(ranges, *beams, time=stamp)], Limits())
         with self._lock:
-            if self.driver is None and (lidar := self._find_lidar(scan, frame)):
-                self.driver = self._make_driver(dataclasses.replace(self._robot, lidar=lidar))
-            if self.driver is not None:
-                self.driver.scan(self._on_beams(scan), stamp)
+            scan = self._in_base_frame(Scan(ranges, *beams, time=stamp), frame)
+            if scan is not None:
+                self.driver = self.driver or self._make_driver(replace(self._robot, lidar=self._lidar_of(scan)))
+                self.driver.scan(_on_beams(scan, self.driver.robot.lidar), stamp)
 
-    def _find_lidar(self, scan: Scan, frame: str) -> LidarParams | None:
-        at = np.array([scan.time])
-        found = self._tree.find(self.options.base_frame, frame, at)
-        if found is None:
-            LOGGER.info("waiting for the transform from %s to %s", self.options.base_frame, frame)
+    def _in_base_frame(self, scan: Scan, frame: str) -> Scan | None:
+        """Return a usable scan, placed by `/tf_static`, otherwise by the robot YAML."""
+        if self._mount is None:
+            found = self._tree.find(self.options.base_frame, frame, np.array([scan.time]))
+            self._mount = None if found is None or not abs(found[0, 2, 2]) >= MIN_UPRIGHT else found[0]
+        if self._mount is not None:
+            scan = in_base_frame(scan, self._mount)
+        elif self.options.lidar_from_messages:
+            LOGGER.info("waiting for a transform from %s to %s, a level lidar", self.options.base_frame, frame)
             return None
-        x, y, z = found[0, :3, 3].tolist()
-        fov = scan.step * (len(scan.ranges) - 1)
-        yaw = float(planar(found)[0, 2]) + scan.first + 0.5 * fov
-        return dataclasses.replace(
-            self._robot.lidar,
-            num_beams=len(scan.ranges),
-            range_min=scan.range_min,
-            range_max=scan.range_max,
-            fov=fov,
-            mount=Mount(x, y, z, yaw=yaw),
-        )
+        else:
+            mount = self._robot.lidar.mount
+            scan = scan._replace(first=mount.yaw + scan.first, position=(mount.x, mount.y, mount.z))
+        (scan,), _ = usable_scans([scan], Limits())
+        return scan
 
-    def _on_beams(self, scan: Scan) -> np.ndarray:
-        assert self.driver is not None
-        lidar = self.driver.robot.lidar
-        first, step = lidar.angle_min, lidar.angle_increment
-        if self.options.lidar_from_messages:
-            first = scan.first
-        is_same = len(scan.ranges) == lidar.num_beams and abs(scan.step - step) < 1e-4
-        if is_same and abs(scan.first - first) < 0.1 * step:
-            return scan.ranges
-        return resampled(scan, (0.0, 0.0), first, step, lidar.num_beams)
+    def _lidar_of(self, scan: Scan) -> LidarParams:
+        fov, count = scan.step * (len(scan.ranges) - 1), len(scan.ranges)
+        mount = Mount(*scan.position, yaw=scan.first + 0.5 * fov)
+        limits = {"range_min": scan.range_min, "range_max": scan.range_max}
+        return replace(self._robot.lidar, num_beams=count, fov=fov, mount=mount, **limits)
 
     def _on_goal(self, message: Any) -> None:
         pose = message.pose
@@ -323,6 +316,15 @@ class Session:
             self._recorder.close()
         if self.options.save_map is not None and self.driver is not None and self.driver.has_begun:
             save_map(crop_to_known(self.driver.belief.grid), self.options.save_map)
+
+
+def _on_beams(scan: Scan, lidar: LidarParams) -> np.ndarray:
+    first, step = lidar.mount.yaw + lidar.angle_min, lidar.angle_increment
+    shift = math.hypot(scan.position[0] - lidar.mount.x, scan.position[1] - lidar.mount.y)
+    is_same = len(scan.ranges) == lidar.num_beams and abs(scan.step - step) < 1e-4 and shift < 1e-3
+    if is_same and abs(wrap_angle(scan.first - first)) < 0.1 * step:
+        return scan.ranges
+    return resampled(scan, (lidar.mount.x, lidar.mount.y), first, step, lidar.num_beams)
 
 
 def yaw_of(quaternion: Any) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from lidarnaut.envs.files import MAX_BYTES
 
 from .bag_reader import BagReader, open_bag
-from .scans import LogContent, Scan
+from .scans import LogContent, Scan, in_base_frame
 from .trajectory import compose_poses, describe_jump_back
 from .transforms import MIN_LEVEL, MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
 
@@ -158,14 +158,8 @@ def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, no
             notes.append(f"{is_out.sum()} of {len(scans)} scans are left out: {why}")
     if (leaning := np.abs(upright[~(unknown | tilted)]).min(initial=1.0)) < MIN_LEVEL:
         notes.append(f"the lidar is tilted by up to {np.degrees(np.arccos(leaning)):.0f} degrees and treated as level")
-    signs, turns = np.sign(upright), planar(mounts)[:, 2]
-    return [
-        scan._replace(first=turn + sign * scan.first, step=sign * scan.step, position=tuple(mount[:3, 3].tolist()))
-        for scan, mount, sign, turn, out in zip(
-            scans, mounts, signs.tolist(), turns.tolist(), (unknown | tilted).tolist(), strict=True
-        )
-        if not out
-    ]
+    placed = zip(scans, mounts, (unknown | tilted).tolist(), strict=True)
+    return [in_base_frame(scan, mount) for scan, mount, is_out in placed if not is_out]
 
 
 def _time_order(bag: BagReader, topic: str, times: list[float]) -> np.ndarray:

@@ -68,6 +68,15 @@ class Limits(NamedTuple):
                 raise ValueError(f"{name} (--{name.replace('_', '-')}) must be positive, got {value:g}")
 
 
+def in_base_frame(scan: Scan, mount: np.ndarray) -> Scan:
+    """Return a scan of the lidar's frame in the base frame; an upside-down lidar turns the other way.
+
+    `mount`: pose of the lidar in the base frame, shape (4, 4).
+    """
+    turn, sign = math.atan2(mount[1, 0], mount[0, 0]), math.copysign(1.0, mount[2, 2])
+    return scan._replace(first=turn + sign * scan.first, step=sign * scan.step, position=tuple(mount[:3, 3].tolist()))
+
+
 def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], dict[str, list[str]]]:
     """Return the usable scans, with counter-clockwise beams, and error messages of the others, by kind of error.
 

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import Pose2D
@@ -121,6 +122,53 @@ def test_a_session_is_recorded_as_a_bag_and_its_map_is_saved(broker, tmp_path):
     assert len(log.ranges) > 30
     assert log.lidar.num_beams == 360
     assert (load_map(tmp_path / "map.yaml").data == 0).sum() > 1000
+
+
+class Topics:
+    """Connection without a server: `publish` of a message calls its subscriber, and keeps the last message."""
+
+    error = ""
+
+    def __init__(self):
+        self.receivers, self.last = {}, {}
+
+    def advertise(self, topic, kind, *, latch=False):
+        pass
+
+    def subscribe(self, topic, kind, receive):
+        self.receivers[topic] = receive
+
+    def publish(self, topic, message):
+        self.last[topic] = message
+        if topic in self.receivers:
+            self.receivers[topic](message)
+
+
+@pytest.mark.parametrize("from_messages", [False, True])
+@pytest.mark.parametrize("yaw", [0.0, 2.0])
+def test_the_lidar_may_be_mounted_upside_down(from_messages, yaw):
+    robot, topics = SimulatedRobot(rate=10.0), Topics()
+    options = drive.Options(policy="pursuit", use_sim_time=True, lidar_from_messages=from_messages)
+    session, lidar = drive.Session(options, topics), robot.robot.lidar
+    static = messages.static_transforms(lidar.mount)
+    rotation = static.transforms[1].transform.rotation  # half a turn around x, then `yaw` around z
+    rotation.x, rotation.y, rotation.z, rotation.w = math.cos(yaw / 2), math.sin(yaw / 2), 0.0, 0.0
+    topics.publish("/tf_static", static)
+    command = drive.STOP
+    for _ in range(30):
+        scan = messages.laser_scan(robot.time, robot.reading.ranges[::-1], lidar, 0.1)
+        scan.angle_min = yaw - lidar.angles[-1]
+        topics.publish("/clock", messages.clock(robot.time))
+        topics.publish("/odom", messages.odometry(robot.time, robot.odometry, robot.twist))
+        topics.publish("/scan", scan)
+        command = session.step()
+        robot.step(command)
+    belief, true = session.driver.belief, robot.start.between(robot.pose)
+    assert math.dist(belief.pose[:2], true[:2]) < 0.05
+    hit = np.isfinite(robot.reading.ranges)
+    points = np.column_stack([np.cos(lidar.angles), np.sin(lidar.angles)])[hit] * robot.reading.ranges[hit, None]
+    near_walls = ndimage.maximum_filter(belief.grid.data > 50, size=5)
+    assert near_walls[tuple(belief.grid.cells(true.transform(points)).T)].mean() > 0.9
 
 
 def test_messages_become_json_of_both_versions_of_ros():
