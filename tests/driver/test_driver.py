@@ -239,6 +239,13 @@ def test_goals_are_reached_one_after_the_other():
     assert messages.contacts == 0
 
 
+def test_task_observations_and_rate_are_those_of_the_training_of_a_policy():
+    policy = learned("twist")
+    env = Driver(policy, BURGER, slam="hector").env
+    assert (policy.id, env.control_period) == ("lidarnaut/Explore-v0", 0.2)
+    assert set(env.observation_space) == set(policy.observations)
+
+
 @pytest.mark.parametrize("people", [None, 6])
 def test_a_goal_in_unknown_space_is_reached_after_standing_still_also_among_people(people):
     driver = Driver(controller("mppi"), BURGER, id="lidarnaut/ReachGoal-v0", slam="hector")
