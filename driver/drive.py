@@ -13,7 +13,7 @@ import numpy as np
 
 from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.baselines import EXPLORERS, OFFERED
-from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.logs import messages
 from lidarnaut.envs.logs.scans import Limits, Scan, in_base_frame, resampled, usable_scans
@@ -22,10 +22,11 @@ from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.robots import LidarParams, Mount, RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.worlds import save_map
+from lidarnaut.envs.worlds.map_files import map_paths
 from lidarnaut.envs.wrappers.record_bag import BagRecorder
 
 from .driver import STOP, Driver
-from .rosbridge import Clock, Rosbridge
+from .rosbridge import Clock, Rosbridge, run_program
 
 LOGGER = logging.getLogger(__name__)
 MAP_PERIOD = 2.0
@@ -44,8 +45,8 @@ class Options:
     """Library robot, or path of a robot YAML."""
     policy: str = "learned:pretrained/frontiers"
     """Policy: a name as in `lidarnaut-evaluate --policies`. Policies with a goal wait for `goal` or `/goal_pose`."""
-    goal: tuple[float, float, float] | None = None
-    """Goal x, y [m] and heading [rad], map frame; selects policies that drive to goals."""
+    goal: tuple[float, ...] | None = None
+    """Goal x, y [m], and optionally heading [rad], map frame; selects policies that drive to goals."""
     slam: str = "hector"
     """SLAM, without a map."""
     map: Path | None = None
@@ -81,6 +82,8 @@ class Options:
     """Factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a recorded drive."""
     seed: int = 0
     """Seed of estimator and policy."""
+    namespace: str = ""
+    """Prefix of all topics except `/clock`, such as `robot1`."""
     trust: tuple[str, ...] = ()
     """Modules, or names `module:attribute`, of your own code that the policy may import."""
     scan_topic: str = "/scan"
@@ -106,13 +109,23 @@ class Session:
         """
         if options.no_return not in ("inf", "nan"):
             raise ValueError(f"no_return must be 'inf' or 'nan', got {options.no_return!r}")
+        if options.goal is not None and len(options.goal) not in (2, 3):
+            raise ValueError(f"goal must be x, y, and optionally a heading, got {options.goal}")
+        for name in ("control_hz", "max_v", "max_w"):
+            if (value := getattr(options, name)) is not None:
+                check_positive(**{name: value})
+        if options.save_map is not None and not map_paths(options.save_map)[1].parent.is_dir():
+            raise ValueError(f"save_map: {options.save_map.parent} is not a folder")
         self.options, self._bridge, self._clock = options, bridge, Clock()
         self._lock, self._tree = threading.RLock(), FrameTree()
         robot = load_robot(options.robot)
         max_v, max_w = options.max_v or robot.max_v, options.max_w or robot.max_w
         self._robot = replace(robot, max_v=min(max_v, robot.max_v), max_w=min(max_w, robot.max_w))
         self._recorder: BagRecorder | None = None
-        self.driver: Driver | None = None if options.lidar_from_messages else self._make_driver(self._robot)
+        self.driver: Driver | None = None
+        first = self._make_driver(self._robot)  # also checks the options
+        if not options.lidar_from_messages:
+            self._use(first)
         self._laser_frame, self._ignored = options.laser_frame, set[str]()
         self._mount: np.ndarray | None = None
         self._permitted = -math.inf
@@ -136,11 +149,14 @@ class Session:
             id, arguments = "lidarnaut/Navigate-v0", arguments | {"map": o.map, "initial_pose": pose}
         hz = getattr(policy, "control_hz", None) or o.control_hz
         driver = Driver(policy, robot, id=id, control_hz=hz, **arguments)
-        if o.record is not None:
-            self._recorder = BagRecorder(driver.env, o.record)
         if o.goal is not None:
             driver.goal(*o.goal)
         return driver
+
+    def _use(self, driver: Driver) -> None:
+        self.driver = driver
+        if self.options.record is not None:
+            self._recorder = BagRecorder(driver.env, self.options.record)
 
     def _connect(self) -> None:
         o, bridge = self.options, self._bridge
@@ -185,8 +201,8 @@ class Session:
 
     def _on_tf(self, message: Any) -> None:
         for one in message.transforms:
-            frames = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
-            if frames == (self.options.odom_frame, self.options.base_frame):
+            parent, child = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
+            if parent == self.options.odom_frame and self._is_expected(child, self.options.base_frame):
                 self._note_odometry(one.header.stamp, one.transform.translation, one.transform.rotation)
 
     def _note_odometry(self, stamp: Any, position: Any, rotation: Any) -> None:
@@ -203,13 +219,15 @@ class Session:
         if not self._is_in(message.header, self._laser_frame):
             return
         missing = math.inf if self.options.no_return == "inf" else math.nan
-        ranges = np.array([missing if each is None else each for each in message.ranges], dtype=np.float32)
+        with np.errstate(over="ignore"):  # out of range
+            ranges = np.array([missing if each is None else each for each in message.ranges], dtype=np.float32)
         beams = message.angle_min, message.angle_increment, message.range_min, message.range_max
         with self._lock:
             scan = self._in_base_frame(Scan(ranges, *beams, time=stamp), frame)
             if scan is not None:
-                self.driver = self.driver or self._make_driver(replace(self._robot, lidar=self._lidar_of(scan)))
-                self.driver.scan(_on_beams(scan, self.driver.robot.lidar), stamp)
+                if self.driver is None:
+                    self._use(self._make_driver(replace(self._robot, lidar=self._lidar_of(scan))))
+                self.driver.scan(_on_beams(scan, self.driver.robot.lidar), stamp)  # type: ignore[union-attr]
 
     def _in_base_frame(self, scan: Scan, frame: str) -> Scan | None:
         """Return a usable scan, placed by `/tf_static`, otherwise by the robot YAML."""
@@ -246,7 +264,10 @@ class Session:
                 self.driver.initial_pose(pose.position.x, pose.position.y, yaw_of(pose.orientation))
 
     def _is_in(self, header: Any, frame: str) -> bool:
-        if (given := frame_name(header.frame_id)) == frame:
+        return self._is_expected(frame_name(header.frame_id), frame)
+
+    def _is_expected(self, given: str, frame: str) -> bool:
+        if given == frame:
             return True
         if given not in self._ignored:
             self._ignored.add(given)
@@ -341,7 +362,7 @@ def main(options: Options) -> None:
         lidarnaut.agents.run_folder.CheckpointError: the policy cannot be loaded.
     """
     with contextlib.ExitStack() as held:
-        bridge = held.enter_context(contextlib.closing(Rosbridge(options.url)))
+        bridge = held.enter_context(contextlib.closing(Rosbridge(options.url, options.namespace)))
         session = held.enter_context(contextlib.closing(Session(options, bridge)))
         held.enter_context(contextlib.suppress(KeyboardInterrupt))
         session.run(threading.Event())
@@ -349,8 +370,7 @@ def main(options: Options) -> None:
 
 def cli() -> None:
     """Run `main` with options of the command line."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    run_command(main, options=Options, status=1)
+    run_program(main, Options)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ import numpy as np
 
 from lidarnaut.agents.policies import needed_arguments
 from lidarnaut.baselines.episode import Decide, begin_episode, decide_with
-from lidarnaut.baselines.policy import Policy
-from lidarnaut.envs.arguments import check_positive
+from lidarnaut.baselines.policy import Policy, PrivilegedPolicy
+from lidarnaut.envs.arguments import check_positive, is_pose
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.motion import wheel_motion
@@ -21,6 +21,7 @@ from lidarnaut.envs.logs.scans import Scan, resampled
 from lidarnaut.envs.logs.trajectory import MAX_CLOCK_JUMP, between_poses, interpolate_poses
 from lidarnaut.envs.robots import RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.tasks.navigate import KnownMapTask
 
 from .measurements import Measurements, Sample
 from .task import task_of
@@ -31,6 +32,8 @@ TICK = 1e-6
 """Wheel travel per count of the virtual encoders that poses of odometry are converted to [m]."""
 MAX_SPEED, JITTER = 1.5, 0.05
 """Odometry that moves faster than this multiple of the robot's limits, for longer than this time [s], has jumped."""
+SIMULATED = {"physics", "world", "start", "people", "reward", "randomize"}
+"""Arguments of environments that a driver does not have."""
 KEPT = 10.0
 """Messages are kept for at most this time until a scan is used [s]."""
 
@@ -77,14 +80,23 @@ class Driver:
                 `collision_monitor` are those of the policy's training, and `track_people` is True.
 
         Raises:
-            ValueError: a value is not allowed, or the task is not for a single robot.
+            ValueError: a value is not allowed, the task is not for a single robot, or the policy uses ground truth.
             TypeError: the environment has no such argument.
         """
         id = id or str(getattr(policy, "id", "lidarnaut/Explore-v0"))
-        control_hz = control_hz or getattr(policy, "control_hz", None) or 10.0
-        check_positive(control_hz=control_hz, timeout=timeout, odometry_scales=min(odometry_scales))
+        if control_hz is None:
+            control_hz = getattr(policy, "control_hz", None) or 10.0
+        check_positive(control_hz=control_hz, timeout=timeout)
+        for scale in odometry_scales:
+            check_positive(odometry_scales=scale)
         if motion not in ("odometry", "encoders"):
             raise ValueError(f"motion must be 'odometry' or 'encoders', got {motion!r}")
+        if isinstance(policy, PrivilegedPolicy):
+            raise ValueError(f"{type(policy).__name__} uses ground truth, which a robot does not have")
+        if simulated := sorted(SIMULATED & arguments.keys()):
+            raise TypeError(f"a driver has no arguments {simulated}: they describe a simulation")
+        if not (isinstance(seed, int) and seed >= 0):
+            raise ValueError(f"seed must be a whole number from 0, got {seed!r}")
         robot = load_robot(robot)
         if motion == "odometry":
             counts = 2.0 * math.pi * robot.odometry.wheel_radius / TICK
@@ -101,6 +113,7 @@ class Driver:
         self._decide: Decide | None = None
         self._scans, self._motion, self._rates = (deque[tuple[float, Any]]() for _ in range(3))
         self._newest: dict[str, float] = {}
+        self._fault = ""
         self._uses_encoders, self._touched = motion == "encoders", False
         self._stamp, self._scan_stamp, self._offset, self._time = -math.inf, -math.inf, 0.0, 0.0
         self._pose, self._wheels, self._commands = np.zeros(3), np.zeros(2), [STOP]
@@ -117,17 +130,25 @@ class Driver:
         ranges[~(ranges >= lidar.range_min)] = np.nan
         ranges[ranges > lidar.range_max] = np.inf
         if np.isnan(ranges).all():
-            self.dropped["scan without a valid beam"] += 1
+            self._drop("scan without a valid beam")
         else:
             self._receive("scan", self._scans, stamp, ranges)
 
     def odometry(self, pose: Sequence[float], stamp: float) -> None:
-        """Receive a base pose (x, y, theta) in the odometry frame [m, m, rad]."""
-        self._receive("odometry", self._motion, stamp, np.array(pose, dtype=np.float64))
+        """Receive a base pose (x, y, theta) in the odometry frame [m, m, rad]; ValueError with `motion="encoders"`."""
+        self._receive_motion("odometry", pose, 3, stamp)
 
     def encoders(self, left: int, right: int, stamp: float) -> None:
-        """Receive cumulative encoder counts of the wheels."""
-        self._receive("encoders", self._motion, stamp, np.array([left, right], dtype=np.float64))
+        """Receive cumulative encoder counts of the wheels; ValueError without `motion="encoders"`."""
+        self._receive_motion("encoders", (left, right), 2, stamp)
+
+    def _receive_motion(self, kind: str, numbers: Sequence[float], count: int, stamp: float) -> None:
+        if self._uses_encoders != (kind == "encoders"):
+            raise ValueError(f"messages of {kind} need motion={kind!r}")
+        content = np.array(numbers, dtype=np.float64)
+        if content.shape != (count,):
+            raise ValueError(f"{kind} must be {count} numbers, got {numbers!r}")
+        self._receive(kind, self._motion, stamp, content)
 
     def imu(self, yaw_rate: float, stamp: float) -> None:
         """Receive a yaw rate [rad/s]; used with encoders, by robots whose odometry uses the gyroscope."""
@@ -148,8 +169,18 @@ class Driver:
         self.env.task.set_goal((x, y) if theta is None else (x, y, theta))
 
     def initial_pose(self, x: float, y: float, theta: float) -> None:
-        """Restart localization on the known map at a pose, map frame [m, m, rad]; see `LidarEnv.set_initial_pose`."""
-        self.env.set_initial_pose((x, y, theta))
+        """Restart localization on the known map at a pose, map frame [m, m, rad]; see `LidarEnv.set_initial_pose`.
+
+        Raises:
+            ValueError: there is no known map, or a number is not finite.
+        """
+        pose, task = (x, y, theta), self.env.task
+        if not isinstance(task, KnownMapTask) or not is_pose(pose):
+            raise ValueError(f"an initial pose is three finite numbers, on a known map, got {pose}")
+        if self.has_begun:
+            self.env.set_initial_pose(pose)
+        else:
+            task.initial_pose = pose
 
     @property
     def has_begun(self) -> bool:
@@ -192,7 +223,7 @@ class Driver:
     def _receive(self, kind: str, messages: deque[tuple[float, Any]], stamp: float, content: np.ndarray) -> None:
         last = self._newest.get(kind, -math.inf)
         if not math.isfinite(stamp) or (kind != "scan" and not np.isfinite(content).all()):
-            self.dropped[f"{kind} that is not finite"] += 1
+            self._drop(f"{kind} that is not finite")
             return
         if stamp < last - MAX_CLOCK_JUMP:
             LOGGER.warning("the clock steps back from %.3f to %.3f s at a message of %s", last, stamp, kind)
@@ -201,12 +232,16 @@ class Driver:
             self._newest.clear()
             self._stamp = self._scan_stamp = -math.inf
         elif stamp <= last:
-            self.dropped[f"{kind} that is not newer than the last"] += 1
+            self._drop(f"{kind} that is not newer than the last")
             return
         self._newest[kind] = stamp
         messages.append((stamp, content))
         while messages[0][0] < stamp - KEPT:
             messages.popleft()
+
+    def _drop(self, reason: str, count: int = 1) -> None:
+        self.dropped[reason] += count
+        self._fault = reason
 
     def _next_scan(self) -> tuple[float, np.ndarray] | None:
         first, newest = (self._motion[0][0], self._motion[-1][0]) if self._motion else (math.inf, -math.inf)
@@ -214,7 +249,7 @@ class Driver:
         while newest > self._stamp and self._scans and self._scans[0][0] <= newest:
             found = self._scans.popleft()
         if found is not None and found[0] < min(first, self._stamp):
-            self.dropped["scan before the odometry"] += 1
+            self._drop("scan before the odometry")
             return None
         return found
 
@@ -233,7 +268,7 @@ class Driver:
         rates = [rate for time, rate in self._rates if time <= stamp]
         yaw_rate = float(np.mean(rates)) if rates else 0.0
         self.env.simulator.sample = Sample(self._time, ranges, ticks, yaw_rate, self._touched)  # type: ignore[attr-defined]
-        self._stamp, self._touched = stamp, False
+        self._stamp, self._touched, self._fault = stamp, False, ""
         self._rates = deque(each for each in self._rates if each[0] > stamp)
         if is_first:
             rng = np.random.default_rng([self._seed, 1])
@@ -274,7 +309,7 @@ class Driver:
         limits = MAX_SPEED * (durations + JITTER)
         has_jumped = (abs(lengths) > self.robot.max_v * limits) | (abs(steps[:, 2]) > self.robot.max_w * limits)
         if has_jumped.any():
-            self.dropped["jump of odometry"] += int(has_jumped.sum())
+            self._drop("jump of odometry", int(has_jumped.sum()))
         lengths, turns = np.where(has_jumped, 0.0, [self._scales[0] * lengths, self._scales[1] * steps[:, 2]])
         sides = 0.5 * self.robot.odometry.track * turns
         self._wheels += (lengths - sides).sum(), (lengths + sides).sum()
@@ -282,12 +317,15 @@ class Driver:
         return left, right
 
     def _why_stopped(self, stamp: float) -> str:
+        missing, fault = "odometry" if self._scans else "scan", f" (dropped: {self._fault})" if self._fault else ""
+        if self._scans and self._motion and (lag := self._scans[0][0] - self._motion[-1][0]) > self.timeout:
+            return f"the stamps of odometry are {lag:.1f} s behind those of scans"
         if not self.has_begun:
-            return "no odometry yet" if self._scans else "no scan yet"
+            return f"no {missing} yet{fault}"
         if (age := stamp - self._scan_stamp) < -self.timeout:
             return f"the clock of the messages is {-age:.1f} s ahead"
         if not age <= self.timeout:
-            return f"no {'odometry' if self._scans else 'scan'} for {age:.1f} s"
+            return f"no {missing} for {age:.1f} s{fault}"
         task = self.env.task
         if hasattr(task, "goal"):
             if not task.has_goal:

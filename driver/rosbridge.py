@@ -4,6 +4,7 @@ import dataclasses
 import json
 import logging
 import math
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -11,6 +12,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+
+from lidarnaut.envs.command_line import run_command
 
 try:
     from websockets.exceptions import WebSocketException
@@ -39,9 +42,14 @@ class Rosbridge:
     Topics are advertised and subscribed to anew after each connection. `latched` messages are sent again as well.
     """
 
-    def __init__(self, url: str) -> None:
-        """Begin to connect. `url`: such as `ws://robot:9090`."""
-        self.url = url
+    def __init__(self, url: str, namespace: str = "") -> None:
+        """Begin to connect; ValueError unless `url` begins with `ws://` or `wss://`, such as `ws://robot:9090`.
+
+        `namespace`: prefix of all topics except `/clock`.
+        """
+        if not url.startswith(("ws://", "wss://")):
+            raise ValueError(f"url must begin with ws:// or wss://, such as ws://robot:9090, got {url!r}")
+        self.url, self._namespace = url, f"/{name}" if (name := namespace.strip("/")) else ""
         self.error = "not connected yet"
         """Why there is no connection; empty while connected."""
         self._socket: ClientConnection | None = None
@@ -53,16 +61,22 @@ class Rosbridge:
         self._thread = threading.Thread(target=self._run, name="rosbridge", daemon=True)
         self._thread.start()
 
+    def _full(self, topic: str) -> str:
+        return topic if topic == "/clock" else self._namespace + topic
+
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
+        topic = self._full(topic)
         self._register({"op": "advertise", "topic": topic, "type": kind.replace("/msg/", "/"), "latch": latch})
 
     def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
         """Call `receive` with each message of a topic, an object with the message's fields, in the client's thread."""
+        topic = self._full(topic)
         self._receivers[topic] = receive
         self._register({"op": "subscribe", "topic": topic, "type": kind.replace("/msg/", "/"), "queue_length": 1})
 
     def publish(self, topic: str, message: Any) -> None:
         """Send a message, from `lidarnaut.envs.logs.messages`; without a connection, only latched ones are kept."""
+        topic = self._full(topic)
         data = {"op": "publish", "topic": topic, "msg": to_json(message)}
         if self._topics[f"advertise {topic}"]["latch"]:
             self._latched[topic] = data
@@ -88,6 +102,7 @@ class Rosbridge:
                     self.error = f"{type(error).__name__}: {error}"
 
     def _run(self) -> None:
+        said = ""
         while not self._is_closed.is_set():
             try:
                 how: Any = {"ping_interval": PING_PERIOD, "ping_timeout": MAX_SILENCE, "max_size": MAX_BYTES}
@@ -97,6 +112,7 @@ class Rosbridge:
                     self._socket, self.error = socket, ""
                     if self._is_closed.is_set():
                         return
+                    said = ""
                     LOGGER.info("connected to %s", self.url)
                     for text in socket:
                         self._receive(text)
@@ -104,8 +120,9 @@ class Rosbridge:
             except (OSError, WebSocketException) as error:
                 self.error = f"{type(error).__name__}: {error}"
             self._socket = None
-            if not self._is_closed.is_set():
+            if not self._is_closed.is_set() and self.error != said:
                 LOGGER.warning("no connection to %s: %s", self.url, self.error)
+            said = self.error
             self._is_closed.wait(RETRY_PERIOD)
 
     def _receive(self, text: str | bytes) -> None:
@@ -119,8 +136,8 @@ class Rosbridge:
         if receive is not None:
             try:
                 receive(message)
-            except (AttributeError, TypeError, ValueError) as error:
-                LOGGER.warning("%s: a message is dropped: %s", data["topic"], error)
+            except Exception as error:  # other messages are still received
+                LOGGER.warning("%s: a message is dropped: %s: %s", data["topic"], type(error).__name__, error)
 
 
 def to_json(value: Any) -> Any:
@@ -172,3 +189,10 @@ class Clock:
     def time(self) -> float:
         """Estimated time of the robot's clock [s]; NaN before the first message."""
         return time.monotonic() + self._offsets[0][1] if self._offsets else math.nan
+
+
+def run_program(main: Callable[[Any], None], options: type) -> None:
+    """Run a program with options of the command line; SIGTERM ends it like Ctrl-C."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    run_command(main, options=options, status=1)

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.logs import messages
 from lidarnaut.envs.simulation import Twist
 
-from .rosbridge import Rosbridge
+from .rosbridge import Rosbridge, run_program
 from .simulated_robot import SimulatedRobot
 
 LOGGER = logging.getLogger(__name__)
@@ -50,6 +50,8 @@ class Options:
     odom_topic: str = "/odom"
     imu_topic: str = "/imu"
     cmd_vel_topic: str = "/cmd_vel"
+    namespace: str = ""
+    """Prefix of all topics except `/clock`, such as `robot1`."""
     stamped: bool = False
     """Whether commands are TwistStamped messages instead of Twist."""
 
@@ -118,9 +120,11 @@ def main(options: Options) -> None:
     Raises:
         ValueError: an option has a value that is not allowed.
     """
-    if not min(options.speed, options.rate, options.scan_rate) > 0.0:
-        raise ValueError("speed, rate and scan_rate must be positive")
-    with contextlib.closing(Rosbridge(options.url)) as bridge, contextlib.suppress(KeyboardInterrupt):
+    check_positive(speed=options.speed, rate=options.rate, scan_rate=options.scan_rate, timeout=options.timeout)
+    with (
+        contextlib.closing(Rosbridge(options.url, options.namespace)) as bridge,
+        contextlib.suppress(KeyboardInterrupt),
+    ):
         server = Server(options, bridge)
         LOGGER.info("%s in %s, start %s", server.robot.robot.name, server.robot.world.name, server.robot.start)
         server.run(threading.Event())
@@ -128,8 +132,7 @@ def main(options: Options) -> None:
 
 def cli() -> None:
     """Run `main` with options of the command line."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    run_command(main, options=Options, status=1)
+    run_program(main, Options)
 
 
 if __name__ == "__main__":

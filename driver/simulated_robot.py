@@ -31,7 +31,10 @@ class SimulatedRobot:
         """Place a robot at a random start, or at the world's first spawn (`start="spawn"`).
 
         `world`, `robot`, `physics`, `people`: as in `LidarEnv`. `rate`: steps and odometry messages per second [Hz].
+        ValueError for a value that is not allowed.
         """
+        if start not in ("random", "spawn"):
+            raise ValueError(f"start must be 'random' or 'spawn', got {start!r}")
         self.robot = choose_robot(robot, world)
         self.period = 1.0 / rate
         rng = np.random.default_rng(seed)

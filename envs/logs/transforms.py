@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from .bag_reader import BagReader
 
+MAX_STAMP = 2.0**33
+"""Upper bound of time stamps [s]; ROS has 32 bits for seconds."""
 MIN_UPRIGHT = 0.9
 """Scans are dropped if the lidar tilts by more than 26 degrees: minimum absolute z component of its vertical axis."""
 MIN_LEVEL = 0.996
@@ -141,8 +143,11 @@ def frame_name(name: str) -> str:
 
 
 def seconds(stamp: Any) -> float:
-    """Return a ROS time stamp (`builtin_interfaces/Time`) in seconds."""
-    return float(stamp.sec + 1e-9 * stamp.nanosec)
+    """Return a ROS time stamp (`builtin_interfaces/Time`) in seconds; ValueError if out of its range."""
+    time = float(stamp.sec + 1e-9 * stamp.nanosec)
+    if not abs(time) < MAX_STAMP:
+        raise ValueError(f"a stamp must be below {MAX_STAMP:g} s, got {time:g}")
+    return time
 
 
 def planar(matrices: np.ndarray) -> np.ndarray:

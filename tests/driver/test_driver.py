@@ -262,6 +262,8 @@ def test_a_goal_in_unknown_space_is_reached_after_standing_still_also_among_peop
     [
         ({"motion": "wheels"}, r"motion must be 'odometry' or 'encoders', got 'wheels'"),
         ({"timeout": 0.0}, r"timeout must be positive"),
+        ({"control_hz": 0.0}, r"control_hz must be positive"),
+        ({"seed": -1}, r"seed must be a whole number from 0"),
         ({"id": "lidarnaut/ExploreTeam-v0"}, r"lidarnaut/ExploreTeam-v0 is not for a single robot"),
         ({"id": "lidarnaut/Navigate-v0"}, r"needs the argument map"),
         ({"slam": "truth"}, r"slam must not be 'truth'"),
@@ -271,8 +273,44 @@ def test_a_goal_in_unknown_space_is_reached_after_standing_still_also_among_peop
 def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         Driver(make_explorer("pursuit"), BURGER, **arguments)
-    with pytest.raises(ValueError, match="task Explore has no goal"):
-        Driver(make_explorer("pursuit"), BURGER).goal(1.0, 2.0)
+
+
+def test_what_a_robot_cannot_have_is_refused():
+    with pytest.raises(ValueError, match="OracleExplorer uses ground truth"):
+        Driver(make_explorer("oracle"), BURGER)
+    with pytest.raises(TypeError, match=r"no arguments \['people', 'world'\]: they describe a simulation"):
+        Driver(make_explorer("pursuit"), BURGER, world="rooms", people=3)
+    driver = Driver(make_explorer("pursuit"), BURGER)
+    for call, message in {
+        lambda: driver.goal(1.0, 2.0): "task Explore has no goal",
+        lambda: driver.encoders(1, 2, 0.0): "encoders need motion='encoders'",
+        lambda: driver.odometry((1.0, 2.0), 0.0): r"odometry must be 3 numbers, got \(1.0, 2.0\)",
+        lambda: driver.initial_pose(0.0, 0.0, 0.0): "on a known map",
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            call()
+
+
+def test_an_initial_pose_may_come_before_the_first_scan():
+    env = gymnasium.make(**NAVIGATE | {"physics": "kinematic"}).unwrapped
+    env.reset(seed=0)
+    driver = Driver(controller("pursuit"), BURGER, id="lidarnaut/Navigate-v0", map=env.priors[0].map)
+    driver.initial_pose(1.0, 0.5, 0.3)
+    driver.odometry((0.0, 0.0, 0.0), 0.0)
+    driver.scan(env.reading.ranges, 0.0)
+    driver.command(0.0)
+    assert math.dist(driver.belief.pose[:2], (1.0, 0.5)) < 0.5
+
+
+def test_a_stop_names_dropped_messages_and_late_stamps():
+    driver, ranges = Driver(make_explorer("pursuit"), BURGER), np.full(360, 1.0)
+    for _ in range(2):
+        driver.odometry((0.0, 0.0, 0.0), 0.0)
+    driver.command(0.0)
+    assert driver.reason == "no scan yet (dropped: odometry that is not newer than the last)"
+    driver.scan(ranges, 5.0)
+    driver.command(5.0)
+    assert driver.reason == "the stamps of odometry are 5.0 s behind those of scans"
 
 
 def test_scales_of_odometry_are_found_in_a_log_and_correct_a_robot():

@@ -2,6 +2,7 @@ import contextlib
 import math
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -124,6 +125,41 @@ def test_a_session_is_recorded_as_a_bag_and_its_map_is_saved(broker, tmp_path):
     assert (load_map(tmp_path / "map.yaml").data == 0).sum() > 1000
 
 
+def test_topics_of_a_namespace(broker):
+    with contextlib.ExitStack() as held:
+        one, other = (Rosbridge(broker.url, name) for name in ("/robot1/", ""))
+        received = {}
+        for bridge, topic in ((one, "/goal_pose"), (other, "/robot1/odom"), (one, "/clock")):
+            held.callback(bridge.close)
+            bridge.subscribe(topic, "std_msgs/msg/Bool", lambda message, topic=topic: received.update({topic: message}))
+        wait_for(lambda: not (one.error or other.error))
+        for bridge, topic in ((other, "/robot1/goal_pose"), (one, "/odom"), (other, "/clock")):
+            bridge.advertise(topic, "std_msgs/msg/Bool")
+            bridge.publish(topic, {"data": True})
+        wait_for(lambda: received.keys() == {"/goal_pose", "/robot1/odom", "/clock"})
+
+
+def test_a_subscriber_that_fails_does_not_end_the_connection(broker, caplog):
+    with contextlib.closing(Rosbridge(broker.url)) as bridge:
+        answers = iter([RuntimeError("not now"), None])
+        received = []
+
+        def receive(message):
+            if (error := next(answers)) is not None:
+                raise error
+            received.append(message)
+
+        bridge.subscribe("/test", "std_msgs/msg/Bool", receive)
+        bridge.advertise("/test", "std_msgs/msg/Bool")
+        wait_for(lambda: not bridge.error)
+        for _ in range(2):
+            bridge.publish("/test", {"data": True})
+        wait_for(lambda: received)
+        assert "/test: a message is dropped: RuntimeError: not now" in caplog.text
+        with pytest.raises(ValueError, match="url must begin with ws://"):
+            Rosbridge("http://localhost")
+
+
 class Topics:
     """Connection without a server: `publish` of a message calls its subscriber, and keeps the last message."""
 
@@ -189,6 +225,10 @@ def test_messages_become_json_of_both_versions_of_ros():
         ({"policy": "pursuitt"}, "unknown policy 'pursuitt'"),
         ({"policy": "mppi", "slam": "hectorr"}, "unknown SLAM 'hectorr'"),
         ({"robot": "nobody"}, "nobody"),
+        ({"policy": "oracle"}, "uses ground truth"),
+        ({"goal": (1.0,)}, "goal must be x, y, and optionally a heading"),
+        ({"max_v": -1.0}, "max_v must be positive"),
+        ({"save_map": Path("nowhere/map.yaml")}, "nowhere is not a folder"),
     ],
 )
 def test_wrong_options_are_refused(broker, options, message):
