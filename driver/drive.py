@@ -280,13 +280,11 @@ class Session:
         with self._lock:
             if (driver := self.driver) is None or math.isnan(now):
                 return STOP
-            command, reason = driver.command(now), driver.reason
-            if not reason and o.dead_man is not None and time.monotonic() - self._permitted > DEAD_MAN_TIME:
-                command, reason = STOP, f"{o.dead_man} is not true"
-            if not reason and self._bridge.error:
-                command, reason = STOP, f"no connection: {self._bridge.error}"
-            self._say(reason)
-            self.reason = reason
+            hold = f"no connection: {self._bridge.error}" if self._bridge.error else ""
+            if o.dead_man is not None and time.monotonic() - self._permitted > DEAD_MAN_TIME:
+                hold = f"{o.dead_man} is not true"
+            command, self.reason = driver.command(now, hold), driver.reason
+            self._say(self.reason)
             if o.dry_run:
                 LOGGER.info("%.2f s: %.3f m/s, %.3f rad/s", now, *command)
             else:

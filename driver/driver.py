@@ -202,12 +202,15 @@ class Driver:
         """Pose of the odometry frame in the map frame, for `/tf`; without odometry messages, the estimated pose."""
         return self.belief.pose.compose(Pose2D(*self._pose.tolist()).inverse())
 
-    def command(self, stamp: float) -> Twist:
-        """Return the velocity command at the time `stamp`; a stop, and `reason`, if the robot may not drive."""
+    def command(self, stamp: float, hold: str = "") -> Twist:
+        """Return the velocity command at the time `stamp`; a stop, and `reason`, if the robot may not drive.
+
+        `hold`: further reason to stand still, such as a dead man's switch; empty to drive.
+        """
         scan = self._next_scan()
         if scan is not None:
             self._use(*scan)
-        self.reason = self._why_stopped(stamp)
+        self.reason = self._why_stopped(stamp) or hold
         if not self.reason and scan is not None and self._decide is not None:
             action = self._decide(self._observation)
             if isinstance(action, str):
