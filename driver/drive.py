@@ -130,7 +130,7 @@ class Session:
         self._mount: np.ndarray | None = None
         self._permitted = -math.inf
         self._map_time = -math.inf
-        self._sim_time, self._said = math.nan, ""
+        self._sim_time, self._said = math.nan, "not asked yet"
         self.reason = "no scan yet"
         """Why the last command was a stop; empty while driving."""
         self._connect()

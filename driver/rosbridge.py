@@ -77,8 +77,9 @@ class Rosbridge:
     def publish(self, topic: str, message: Any) -> None:
         """Send a message, from `lidarnaut.envs.logs.messages`; without a connection, only latched ones are kept."""
         topic = self._full(topic)
-        data = {"op": "publish", "topic": topic, "msg": to_json(message)}
-        if self._topics[f"advertise {topic}"]["latch"]:
+        is_latched = self._topics[f"advertise {topic}"]["latch"]
+        data = {"op": "publish", "topic": topic, "msg": to_json(message), "latch": is_latched}
+        if is_latched:
             self._latched[topic] = data
         self._send(data)
 
