@@ -32,6 +32,8 @@ TICK = 1e-6
 """Wheel travel per count of the virtual encoders that poses of odometry are converted to [m]."""
 MAX_SPEED, JITTER = 1.5, 0.05
 """Odometry that moves faster than this multiple of the robot's limits, for longer than this time [s], has jumped."""
+PUSHED = 1.0, 3.0
+"""Least limits of that test: speeds of a robot that is pushed by hand [m/s, rad/s]."""
 SIMULATED = {"physics", "world", "start", "people", "reward", "randomize"}
 """Arguments of environments that a driver does not have."""
 KEPT = 10.0
@@ -309,8 +311,9 @@ class Driver:
         steps = between_poses(path[:-1], path[1:])
         half = 0.5 * steps[:, 2]
         lengths = (steps[:, 0] * np.cos(half) + steps[:, 1] * np.sin(half)) / np.sinc(half / math.pi)
-        limits = MAX_SPEED * (durations + JITTER)
-        has_jumped = (abs(lengths) > self.robot.max_v * limits) | (abs(steps[:, 2]) > self.robot.max_w * limits)
+        max_v, max_w = MAX_SPEED * np.maximum(PUSHED, (self.robot.max_v, self.robot.max_w))
+        longest = durations + JITTER
+        has_jumped = (abs(lengths) > max_v * longest) | (abs(steps[:, 2]) > max_w * longest)
         if has_jumped.any():
             self._drop("jump of odometry", int(has_jumped.sum()))
         lengths, turns = np.where(has_jumped, 0.0, [self._scales[0] * lengths, self._scales[1] * steps[:, 2]])

@@ -1,3 +1,4 @@
+import dataclasses
 import itertools
 import math
 from pathlib import Path
@@ -17,6 +18,7 @@ from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.estimation.motion import make_motion_source
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.logs.trajectory import compose_poses, odometry_scales
+from lidarnaut.envs.robots import load_robot
 
 BURGER = "turtlebot3_burger"
 STEPS = 120
@@ -222,6 +224,17 @@ def test_a_jump_of_odometry_does_not_move_the_robot():
     messages.run(3.0)
     assert messages.error < 0.06
     assert driver.dropped == {"jump of odometry": 1}
+
+
+def test_a_slow_robot_may_be_pushed_by_hand():
+    robot = dataclasses.replace(load_robot(BURGER), max_v=0.1)
+    driver, ranges = Driver(make_explorer("pursuit"), robot, slam="odometry"), np.full(360, 1.0)
+    for k in range(41):
+        driver.odometry((0.03 * k, 0.0, 0.1 * k), 0.05 * k)  # 0.6 m/s, 2 rad/s
+        driver.scan(ranges, 0.05 * k)
+        driver.command(0.05 * k)
+    assert not driver.dropped
+    assert driver.belief.pose.theta == pytest.approx(wrap_angle(4.0), abs=1e-3)
 
 
 def test_goals_are_reached_one_after_the_other():
