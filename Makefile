@@ -77,4 +77,4 @@ $(DOCS_INSTALLED): $(INSTALLED)
 	touch $@
 
 clean:
-	rm -rf .venv .venv-* build dist *.egg-info docs/environments docs/examples docs/gallery
+	rm -rf .venv .venv-* build dist *.egg-info docs/reference/environments docs/start/examples docs/reference/gallery

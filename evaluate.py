@@ -2,7 +2,7 @@
 
 python evaluate.py --policies ppo:runs/RUN my_package.explorers:Mine --worlds turtlebot3_house rooms --out runs/a
 python evaluate.py --id lidarnaut/Navigate-v0 --policies pursuit dwb random --arguments.localizer truth --out runs/b
-python evaluate.py --config configs/arena.yaml --jobs 2 --out runs/arena --publish docs
+python evaluate.py --config configs/arena.yaml --jobs 2 --out runs/arena --publish docs/results
 
 The same command resumes an interrupted evaluation.
 """

@@ -1,4 +1,4 @@
-"""Write `docs/algorithms.md`, the page that compares learning algorithms, from the results of a training sweep.
+"""Write `docs/results/algorithms.md`, the page that compares learning algorithms, from the results of a training sweep.
 
 python train.py --config algorithms --jobs 2
 python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__20250101-120000
@@ -30,9 +30,9 @@ from lidarnaut.envs.files import read_mapping
 from lidarnaut.envs.measures import Measure, headline_of
 
 TEXT = """\
-Scores of the algorithms of [`train.py`](training.md) after minutes of training on one core, compared with classic
-policies. Tasks, training budgets, and simplifications relative to the registered environments are in
-[`configs/algorithms.yaml`](../configs/algorithms.yaml). Hyperparameters are the defaults of `train.py`, except that
+Scores of the algorithms of [`train.py`](../guides/training.md) after minutes of training on one core, compared with
+classic policies. Tasks, training budgets, and simplifications relative to the registered environments are in
+[`configs/algorithms.yaml`](../../configs/algorithms.yaml). Hyperparameters are the defaults of `train.py`, except that
 with twist actions PPO and RecurrentPPO start from driving ahead at half speed. In ExploreFrontiers, PPO starts from the
 rule `gain_over_cost` (`PPO_from_rule` in the configuration): compare its score with that rule, not with random.
 
@@ -173,7 +173,7 @@ def overview(tasks: Sequence[TaskResults]) -> Section:
     return Section("At a glance", (text, Table(("", SHARE.label, "tasks", "training runs"), lines, is_open=True)))
 
 
-def main(sweep: Path, /, *, docs: Path = Path("docs")) -> None:
+def main(sweep: Path, /, *, docs: Path = Path("docs/results")) -> None:
     """Write the comparison of learning algorithms, `algorithms.md`, with figures in `algorithms/`.
 
     Args:

@@ -1,4 +1,4 @@
-"""Trainings of all recipes: learning curves, best and last checkpoints, and classic policies in `docs/recipes.md`."""
+"""Trainings of all recipes: learning curves, best and last checkpoints, and classic policies in `recipes.md`."""
 
 import contextlib
 import json
@@ -24,8 +24,8 @@ from lidarnaut.envs.files import explain_unknown, read_bytes, read_json, read_ma
 TEXT = """\
 `train.py --environment.id ID` starts from the recipe of the id, a file in `configs/recipes/`. Exploration of a given
 world, such as `ExploreHouse-v0`, has the recipe of `Explore-v0`.
-[Train a policy](training.md) explains how a configuration changes it. The table and the sections below are made from
-the files and from their runs:
+[Train a policy](../guides/training.md) explains how a configuration changes it. The table and the sections below are
+made from the files and from their runs:
 
 ```sh
 python -m lidarnaut.benchmarks.recipes --ids ReachCrowd-v0 --jobs 2    # without --ids: all; finished runs are kept
@@ -43,7 +43,7 @@ def main(
     seeds: Count = 3,
     jobs: Count = 1,
     out: Path = Path("runs/recipes"),
-    docs: Path = Path("docs"),
+    docs: Path = Path("docs/results"),
     train: bool = True,
 ) -> None:
     """Train recipes, measure their best and last checkpoints, and write `recipes.md` and a JSON file per id.

@@ -35,7 +35,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     Decisions, candidates, map, lidar, worlds and reward are those of `ExploreFrontiersEnv`. The simulation is about
     twice as fast: the robot is moved along the planned path, and scans are integrated at intervals, at an estimated
     pose with a drifting error. Wheels, contacts, scan matching and recoveries are not simulated. Evaluate results in
-    `ExploreFrontiersEnv`; docs/explore_frontiers.md compares both.
+    `ExploreFrontiersEnv`; docs/concepts/explore_frontiers.md compares both.
 
     ## Action Space
     As in `ExploreFrontiersEnv`.

@@ -1,4 +1,4 @@
-"""Custom task: drive to a goal in an unknown world. See docs/customize/task.md."""
+"""Custom task: drive to a goal in an unknown world. See docs/guides/customize/task.md."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -10,7 +10,7 @@ PACKAGES = ("lidarnaut", "envs", "baselines", "agents", "benchmarks")
 
 def floors():
     """Return the rows of the table from the top down, each a list of files and folders."""
-    lines = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").splitlines()
+    lines = (ROOT / "docs" / "concepts" / "architecture.md").read_text(encoding="utf-8").splitlines()
     first = next(k for k, line in enumerate(lines) if line.startswith("| rows from the top down"))
     rows = itertools.takewhile(lambda line: line.startswith("|"), lines[first + 2 :])
     return [re.findall(r"`([^`]+)`", row.split("|")[1]) for row in rows]

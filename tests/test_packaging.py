@@ -59,7 +59,8 @@ def test_pybullet_is_required_where_it_has_wheels(version, machine, needs):
 
 
 def test_extras_that_texts_name_exist():
-    paths = [path for pattern in ("*.md", "docs/*.md", "*.py", "*/*.py", "envs/**/*.py") for path in ROOT.glob(pattern)]
+    patterns = "*.md", "docs/**/*.md", "*.py", "*/*.py", "envs/**/*.py"
+    paths = [path for pattern in patterns for path in ROOT.glob(pattern)]
     texts = "".join(path.read_text(encoding="utf-8") for path in paths if not path.is_relative_to(ROOT / ".venv"))
     named = set(",".join(re.findall(r"(?:lidarnaut|[\"'`]\.)\[([a-z,]+)\]", texts)).split(","))
     assert {"ray", "contrib", "export", "pettingzoo"} <= named <= set(EXTRAS)

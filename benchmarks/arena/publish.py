@@ -27,7 +27,7 @@ TEXT = (
     "All policies run in the same worlds from the same starts with the same noise, and are measured against ground "
     "truth. Competitors do not observe ground truth, except for the pose if `slam` or `localizer` is `truth`. "
 )
-DOCS_TEXT = "See [measures and statistics](measures.md); `arena/episodes.csv` holds the raw numbers."
+DOCS_TEXT = "See [measures and statistics](../reference/evaluation.md); `arena/episodes.csv` holds the raw numbers."
 
 
 def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how: Any) -> list[Result]:

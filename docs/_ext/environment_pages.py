@@ -63,7 +63,7 @@ CARD = """\
 :::{{grid-item-card}} `{id}`
 :link: {name}
 :link-type: doc
-:img-top: ../{picture}
+:img-top: ../../{picture}
 :img-alt: {id}
 
 {summary}
@@ -163,7 +163,7 @@ def _page(entry_point: str, specs: list[EnvSpec], source: Path) -> str:
     parts = env.observation_space.items() if isinstance(env.observation_space, spaces.Dict) else ()
     shown = [spec for spec in specs if (source / PICTURES / f"{_slug(spec)}.webp").exists()]
     pictures = [
-        f"![{spec.id}: ground truth, and estimates of the robot](../{PICTURES}/{_slug(spec)}.webp)" for spec in shown
+        f"![{spec.id}: ground truth, and estimates of the robot](../../{PICTURES}/{_slug(spec)}.webp)" for spec in shown
     ]
     ids = ""
     if len(specs) > 1:
@@ -198,7 +198,7 @@ def _slug(spec: EnvSpec) -> str:
 def _docstring(entry_point: str) -> tuple[str, str]:
     """Return the first line of the docstring, and the rest with links to pages of the site."""
     first, _, rest = (inspect.getdoc(load_env_creator(entry_point)) or "").partition("\n")
-    return first, re.sub(r"\bdocs/(\w+)\.md", r"[\1](../\1.md)", rest.strip())
+    return first, re.sub(r"\bdocs/(\w+)/(\w+)\.md", r"[\2](../../\1/\2.md)", rest.strip())
 
 
 def _linked(text: str, own: str, names: Mapping[str, str]) -> str:

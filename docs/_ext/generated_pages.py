@@ -1,7 +1,7 @@
 """Generate pages during the build of the site: environments, galleries of worlds and robots, examples, an episode.
 
 Sources are the registry, docstrings, libraries and examples, so that pages agree with the code. Output folders are
-`docs/environments/`, `docs/gallery/` and `docs/examples/`, which git ignores, and the site itself.
+`docs/reference/environments/`, `docs/reference/gallery/` and `docs/start/examples/`, which git ignores, and the site.
 """
 
 import ast
@@ -26,9 +26,9 @@ from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.player import EpisodeRecorder, build_page
 from lidarnaut.envs.worlds import load_world
 
-INCLUDED = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+INCLUDED = {"CONTRIBUTING.md": "reference/contributing.md", "CHANGELOG.md": "reference/changelog.md"}
 PRETRAINED = "frontiers", "twist", "crowd", "reach"
-INCLUDED |= {f"agents/pretrained/{name}/README.md": "pretrained.md" for name in PRETRAINED}
+INCLUDED |= {f"agents/pretrained/{name}/README.md": "guides/pretrained.md" for name in PRETRAINED}
 """Markdown files outside docs, and the pages that include them."""
 
 PRINTED = ("map", "robot", "sensor", "reward", "observation", "slam", "explorer", "task")
@@ -47,7 +47,7 @@ EXAMPLE = """
 {text}
 
 :::{{dropdown}} Source
-```{{literalinclude}} ../../examples/{name}
+```{{literalinclude}} ../../../examples/{name}
 :language: python
 ```
 :::
@@ -74,7 +74,8 @@ def run_examples(folder: Path, out: Path) -> None:
         (out / f"{name}.txt").write_text(printed.getvalue(), encoding="utf-8")
     world = sys.modules["own_map"].draw_world(np.random.default_rng(0))
     gallery.draw_world(world).savefig(out / "own_map.png", dpi=gallery.DPI)
-    (text,) = re.findall(r"^```yaml\n(.*?)^```", (out.parent / "world_files.md").read_text(), re.DOTALL | re.MULTILINE)
+    page = (out.parents[1] / "guides/world_files.md").read_text()
+    (text,) = re.findall(r"^```yaml\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
     (file := out / "world_file.yaml").write_text(text, encoding="utf-8")
     gallery.draw_world(load_world(str(file))).savefig(out / "world_file.png", dpi=gallery.DPI)
     (out / "robot_keys.txt").write_text(robot_keys.tables(), encoding="utf-8")
@@ -87,9 +88,9 @@ def write_pages(app: Sphinx) -> None:
     """Write all generated pages below the source folder; unchanged pages keep their modification time."""
     source = Path(app.srcdir)
     for folder, pages in (
-        (source / "environments", environment_pages.pages(source)),
-        (source / "gallery", gallery.pages(source / "gallery")),
-        (source / "examples", {"index.md": example_page(source.parent / "examples")}),
+        (source / "reference/environments", environment_pages.pages(source)),
+        (source / "reference/gallery", gallery.pages(source / "reference/gallery")),
+        (source / "start/examples", {"index.md": example_page(source.parent / "examples")}),
     ):
         folder.mkdir(exist_ok=True)
         for stale in set(folder.glob("*.md")) - {folder / name for name in pages}:
@@ -98,7 +99,7 @@ def write_pages(app: Sphinx) -> None:
             path = folder / name
             if not path.exists() or path.read_text(encoding="utf-8") != text:
                 path.write_text(text, encoding="utf-8")
-    run_examples(source.parent / "examples", source / "examples")
+    run_examples(source.parent / "examples", source / "start/examples")
 
 
 def record_episode(app: Sphinx) -> None:
@@ -118,7 +119,8 @@ def record_episode(app: Sphinx) -> None:
 def link_within(app: Sphinx, name: str, source: list[str]) -> None:
     """Redirect links to files outside docs to the pages that include them."""
     for path, page in INCLUDED.items():
-        source[0] = source[0].replace(f"](../{path}", f"]({page}")
+        up = "../" * (name.count("/") + 1)
+        source[0] = source[0].replace(f"]({up}{path}", f"](/{page}")
 
 
 def to_rst(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:

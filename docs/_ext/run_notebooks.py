@@ -11,13 +11,13 @@ from jupyter_cache import get_cache
 from jupyter_cache.executors import load_executor
 from sphinx.application import Sphinx
 
-NOTEBOOKS = "tutorials/"
+NOTEBOOKS = "start/tutorials/"
 """Prefix of the names of pages that are notebooks."""
 _running: list[subprocess.Popen[bytes]] = []
 
 
 def start(app: Sphinx) -> None:
-    """Start to run all notebooks of `docs/tutorials`; not with `-D nb_execution_mode=off`."""
+    """Start to run all notebooks of `docs/start/tutorials`; not with `-D nb_execution_mode=off`."""
     config = app.config
     if config.nb_execution_mode == "off":
         return

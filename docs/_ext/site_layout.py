@@ -7,7 +7,7 @@ from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
 
-NOTEBOOKS = "tutorials/"
+NOTEBOOKS = "start/tutorials/"
 """Prefix of the names of pages that are notebooks."""
 FIRST = "Get started"
 """Section that is unfolded on pages of no section, such as the home page."""

@@ -1,7 +1,7 @@
 """Navigation of robot teams on a shared map, with rights of way.
 
-Planned paths avoid teammates with the right of way. Other teammates yield if they can; see `docs/team.md`. Current and
-predicted footprints of teammates replace scanned points on them.
+Planned paths avoid teammates with the right of way. Other teammates yield if they can; see `docs/concepts/team.md`.
+Current and predicted footprints of teammates replace scanned points on them.
 """
 
 from collections.abc import Sequence

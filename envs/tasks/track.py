@@ -47,7 +47,7 @@ class Track(Task):
     ## Description
     A differential-drive robot follows a route on a map from an earlier manual drive. An extended Kalman filter fuses
     wheel encoders, a compass, and delayed AMCL poses at a lower rate. The defaults repeat the experiment of Nguyen et
-    al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s.
+    al. (2021), see docs/concepts/ekf.md: a rectangle of 78 m at 0.8 m/s.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.

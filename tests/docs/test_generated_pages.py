@@ -27,12 +27,12 @@ def test_environments_have_a_page_with_picture_spaces_and_docstring():
     pages = environment_pages.pages(DOCS)
     for spec in gymnasium.registry.values():
         if spec.namespace == "lidarnaut":
-            card = rf":link: (\w+)\n.*\n:img-top: \.\./(\S+)\n:img-alt: {spec.id}\n"
+            card = rf":link: (\w+)\n.*\n:img-top: \.\./\.\./(\S+)\n:img-alt: {spec.id}\n"
             ((name, film),) = re.findall(card, pages["index.md"])
             assert f"`{spec.id}`" in pages[f"{name}.md"] or f'make("{spec.id}"' in pages[f"{name}.md"]
             assert (DOCS / film).stat().st_size < 500_000
     for name in set(pages) - {"index.md"}:
-        (picture, *_) = re.findall(r"!\[[^\]]*\]\(\.\./(\S+)\)", pages[name])
+        (picture, *_) = re.findall(r"!\[[^\]]*\]\(\.\./\.\./(\S+)\)", pages[name])
         assert (DOCS / picture).stat().st_size < 500_000, name
         for part in ("**action space**", "**observation space**", "## Rewards", "## Episode End", "## Arguments"):
             assert part in pages[name], (name, part)

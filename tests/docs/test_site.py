@@ -16,7 +16,7 @@ SITE = Path(os.environ.get("LIDARNAUT_SITE", ""))
 """Folder of the site; set by `make docs` after the build."""
 needs_site = pytest.mark.skipif(not os.environ.get("LIDARNAUT_SITE"), reason="`make docs` builds the site")
 PLAYER = "episode.html"
-NOTEBOOKS = sorted(Path(__file__).parents[2].glob("docs/tutorials/*.ipynb"))
+NOTEBOOKS = sorted(Path(__file__).parents[2].glob("docs/start/tutorials/*.ipynb"))
 
 
 class Page(HTMLParser):
@@ -74,12 +74,12 @@ def test_tutorials_show_their_figures(notebook):
     cells = ["".join(c["source"]) for c in json.loads(notebook.read_text())["cells"] if c["cell_type"] == "code"]
     num_plots = sum("plt." in cell for cell in cells)
     assert num_plots > 0
-    assert read_page(SITE / "tutorials" / f"{notebook.stem}.html").images >= num_plots
+    assert read_page(SITE / "start/tutorials" / f"{notebook.stem}.html").images >= num_plots
 
 
 @needs_site
 def test_the_tutorial_trains_an_explorer():
-    page = (SITE / "tutorials" / "train_an_explorer.html").read_text(encoding="utf-8")
+    page = (SITE / "start/tutorials" / "train_an_explorer.html").read_text(encoding="utf-8")
     untrained = int(re.search(r"untrained: +\d+ % explored, (\d+) s", page).group(1))
     trained = int(re.search(r"^trained: +\d+ % explored, (\d+) s; nearest: \d+ s", page, re.M).group(1))
     assert trained < untrained  # with six seeds 12 to 19 s after training, 40 to 47 s before
@@ -87,7 +87,7 @@ def test_the_tutorial_trains_an_explorer():
 
 @needs_site
 def test_the_tutorial_among_people_learns_and_plays_an_episode():
-    page = (SITE / "tutorials" / "learn_among_people.html").read_text(encoding="utf-8")
+    page = (SITE / "start/tutorials" / "learn_among_people.html").read_text(encoding="utf-8")
     shares = re.search(r"untrained: (\d+) % of the goals, trained, in the test episodes: (\d+) %", page)
     untrained, trained = map(int, shares.groups())
     assert trained > untrained  # with five seeds 33 to 50 % after training, 0 to 17 % before
@@ -96,7 +96,7 @@ def test_the_tutorial_among_people_learns_and_plays_an_episode():
 
 @needs_site
 def test_the_tutorial_of_an_own_world_trains_exports_and_drives():
-    page = (SITE / "tutorials" / "own_world_to_robot.html").read_text(encoding="utf-8")
+    page = (SITE / "start/tutorials" / "own_world_to_robot.html").read_text(encoding="utf-8")
     untrained, trained = map(float, re.findall(r"trained: \d+ % of the goals, .* ([\d.]+)$", page, re.M))
     assert trained > untrained  # with five seeds 0.77 to 0.88 after training, 0.02 to 0.52 before
     assert "report.html" in page
@@ -125,8 +125,8 @@ def test_nothing_lies_out_of_reach_and_code_is_not_cut(answer):
 def test_only_the_section_of_the_open_page_is_unfolded_in_the_sidebar(answer):
     pages = {name: page["navigation"] for name, page in answer["pages"]["1280"].items() if name != PLAYER}
     assert pages["index.html"]["open"] == pages["genindex.html"]["open"] == ["Get started"]
-    assert pages["environments/reachgoal.html"]["open"] == ["Environments"]
-    assert pages["api/navigation.html"]["open"] == ["Reference"]
+    assert pages["reference/environments/reachgoal.html"]["open"] == ["Reference"]
+    assert pages["guides/customize/robot.html"]["open"] == ["Guides"]
     for name, page in pages.items():
         assert page["sections"] >= 7, name
         assert len(page["open"]) == 1, name
@@ -156,27 +156,27 @@ def test_the_recorded_episode_fits_its_window_and_frame(size):
 
 @needs_site
 def test_the_api_page_documents_the_public_names_with_types():
-    page = (SITE / "api" / "index.html").read_text(encoding="utf-8")
+    page = (SITE / "reference/api" / "index.html").read_text(encoding="utf-8")
     for name in set(lidarnaut.__all__) - {"__version__"}:
         assert f'id="lidarnaut.{name}"' in page, name
     signature = page[page.index('id="lidarnaut.evaluate"') :]
     text = re.sub(r"<[^>]+>", "", signature[: signature.index("</dt>")])
     assert re.search(r"id:\s+str\s+=\s+'lidarnaut/Explore-v0'", html.unescape(text))
-    for path in sorted((SITE / "api").glob("*.html")):
+    for path in sorted((SITE / "reference/api").glob("*.html")):
         assert "FieldInfo(" not in path.read_text(encoding="utf-8"), path.name
 
 
 @needs_site
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_tutorials_offer_their_notebook(notebook):
-    page = read_page(SITE / "tutorials" / f"{notebook.stem}.html")
+    page = read_page(SITE / "start/tutorials" / f"{notebook.stem}.html")
     (target,) = [target for target in page.targets if target.endswith(notebook.name)]
-    assert json.loads((SITE / "tutorials" / target).read_text())["cells"]
+    assert json.loads((SITE / "start/tutorials" / target).read_text())["cells"]
 
 
 @needs_site
 def test_the_robot_page_has_all_keys():
-    page = (SITE / "customize" / "robot.html").read_text(encoding="utf-8")
+    page = (SITE / "guides/customize" / "robot.html").read_text(encoding="utf-8")
     for text in ("ticks_per_rev", "position_per_metre", "has_compass", "max_acc_w", "center_of_mass", "clearance"):
         assert re.search(rf"<td[^>]*>.*{text}", page), text
     assert "turtlebot3_burger" in page

@@ -1,4 +1,4 @@
-"""User-defined parts of the examples; docs/customize/index.md has the table of parts."""
+"""User-defined parts of the examples; docs/guides/customize/index.md has the table of parts."""
 
 import csv
 import sys

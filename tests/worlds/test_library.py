@@ -102,5 +102,5 @@ def test_sampler_refuses_unknown_arguments(world, options, complaint):
 
 
 def test_the_page_about_worlds_names_them_all():
-    page = (Path(__file__).parents[2] / "docs/worlds.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/concepts/worlds.md").read_text()
     assert [name for name in (*WORLD_NAMES, *FAMILIES) if f"`{name}`" not in page] == []
