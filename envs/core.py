@@ -80,7 +80,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
       enables tracking if `people` is given and the estimator is not dead reckoning.
     - `sensors` (`()`): custom sensors, see `lidarnaut.envs.sensor.Sensor`.
     - `randomize` (`None`): ranges (low, high) by robot parameter; each episode samples the simulated robot,
-      see docs/guides/domain_randomization.md.
+      see docs/guides/training.md.
     - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped instead of raising an error.
     - `collision_monitor` (`False`): whether commands are slowed down to stop before obstacles in the scan, see
       `lidarnaut.envs.navigation.collision_monitor`.

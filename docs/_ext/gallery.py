@@ -34,7 +34,7 @@ environments draw a new world at each reset.
 Robots from above, forward to the right: body, driven wheels (black), casters (grey), lidar with its field of view
 (blue), and the circle around body and wheels (dashed). Pass the name as `robot=`. The keys of a robot file:
 [Your own robot](../../guides/customize/robot.md). The robots of the four documents:
-[worlds and robots](../../concepts/worlds.md#worlds-and-robots-of-the-documents).
+[documents](../../documents/index.md).
 
 """,
 }
