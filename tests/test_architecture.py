@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("lidarnaut", "envs", "baselines", "agents", "benchmarks")
+PACKAGES = ("lidarnaut", "envs", "baselines", "agents", "driver", "benchmarks")
 
 
 def floors():

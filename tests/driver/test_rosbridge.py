@@ -1,8 +1,11 @@
 import contextlib
+import json
 import math
+import random
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -205,6 +208,42 @@ def test_the_lidar_may_be_mounted_upside_down(from_messages, yaw):
     points = np.column_stack([np.cos(lidar.angles), np.sin(lidar.angles)])[hit] * robot.reading.ranges[hit, None]
     near_walls = ndimage.maximum_filter(belief.grid.data > 50, size=5)
     assert near_walls[tuple(belief.grid.cells(true.transform(points)).T)].mean() > 0.9
+
+
+def damaged(message, rng):
+    """Return a message with one field that is missing or of another kind."""
+    data = json.loads(json.dumps(to_json(message)))
+    owner, key = data, rng.choice([*data])
+    while isinstance(owner[key], dict | list) and len(owner[key]) and rng.random() < 0.8:
+        owner = owner[key]
+        key = rng.choice([*owner]) if isinstance(owner, dict) else rng.randrange(len(owner))
+    owner[key] = rng.choice([None, "x", -1, 1e300, math.nan, [], {}, True, -1e9, 0])
+    if isinstance(owner, dict) and rng.random() < 0.1:
+        del owner[key]
+    return from_json(data)
+
+
+@pytest.mark.parametrize("from_messages", [False, True])
+def test_damaged_messages_are_dropped(from_messages):
+    robot, topics, rng = SimulatedRobot(rate=10.0), Topics(), random.Random(0)
+    options = drive.Options(policy="pursuit", use_sim_time=True, lidar_from_messages=from_messages)
+    session = drive.Session(options, topics)
+    topics.publish("/tf_static", messages.static_transforms(robot.robot.lidar.mount))
+    for k in range(150):
+        for topic, message in {
+            "/clock": messages.clock(robot.time),
+            "/odom": messages.odometry(robot.time, robot.odometry, robot.twist),
+            "/scan": messages.laser_scan(robot.time, robot.reading.ranges, robot.robot.lidar, 0.1),
+        }.items():
+            topics.publish(topic, message)
+            if 20 < k < 120 and rng.random() < 0.3:
+                with contextlib.suppress(Exception):  # as in `Rosbridge`
+                    topics.publish(topic, damaged(message, rng))
+        command = session.step()
+        assert all(map(math.isfinite, command))
+        robot.step(command)
+    assert session.reason == ""
+    assert error_of(SimpleNamespace(robot=robot), session) < 0.1
 
 
 def test_messages_become_json_of_both_versions_of_ros():
