@@ -5,7 +5,7 @@ import numpy as np
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates, FrontierNavigator, Markers, NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.frontier_navigator import ARRIVED, DRIVE_TIME_UP
+from lidarnaut.envs.navigation.frontier_navigator import ARRIVED, DRIVE_TIME_UP, RETRY_RADIUS
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
@@ -131,7 +131,7 @@ class RuleExplorer:
         elif current >= 0 and choice != current:
             frontiers = candidates["frontier"]
             gaps = [math.dist(frontiers[choice], left) for left in self._left]
-            if min(gaps, default=math.inf) <= navigator.params.retry_radius:
+            if min(gaps, default=math.inf) <= RETRY_RADIUS:
                 return current
             self._left.append(frontiers[current])
         return choice

@@ -89,6 +89,8 @@ HALF_SIZE = 2.0
 HALF_AGE = 60.0
 OFFSET_SCALE = 16.0
 """Distance to a frontier, ahead or to the left, that yields the maximum policy input of 1 [m]."""
+MAX_FAILURES = 3
+"""Number of failed drives after which a frontier is ignored."""
 FAILURE_PENALTY = 1e6
 
 
@@ -300,12 +302,11 @@ def describe(raster, table, tables, frame, theta, now, past):
 
 
 @njit(cache=True, error_model="numpy")
-def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, gaps):
+def fill_features(table, chosen, x, y, theta, features, sectors, gaps):
     """Write the scaled policy inputs of reachable frontiers, float32; see `ExploreFrontiersEnv`.
 
-    Entries without a frontier are 0. `max_failures`: number of failed drives that is scaled to 1. Writes `features`,
-    shape (n, NUM_FEATURES), `sectors`, shape (n, 2 * NUM_SECTORS), and `gaps`, distances between frontiers, shape (n,
-    n).
+    Entries without a frontier are 0. Writes `features`, shape (n, NUM_FEATURES), `sectors`, shape (n, 2 * NUM_SECTORS),
+    and `gaps`, distances between frontiers, shape (n, n).
     """
     c, s = math.cos(theta), math.sin(theta)
     features[:], sectors[:], gaps[:] = 0.0, 0.0, 0.0
@@ -325,7 +326,7 @@ def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, g
         out[AGE] = row.age / (row.age + HALF_AGE)
         out[AHEAD] = min(max((c * dx + s * dy) / OFFSET_SCALE, -1.0), 1.0)
         out[LEFT] = min(max((c * dy - s * dx) / OFFSET_SCALE, -1.0), 1.0)
-        out[FAILURES] = min(row.failures / max_failures, 1.0)
+        out[FAILURES] = min(row.failures / MAX_FAILURES, 1.0)
         for i in range(sectors.shape[1]):
             sectors[k, i] = row.sectors[i]
         for i in range(k):

@@ -8,7 +8,14 @@ from scipy.spatial import cKDTree
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation.astar import UNREACHED
-from lidarnaut.envs.navigation.candidates import CANDIDATE, Candidates, describe, fill_features, find_candidates
+from lidarnaut.envs.navigation.candidates import (
+    CANDIDATE,
+    MAX_FAILURES,
+    Candidates,
+    describe,
+    fill_features,
+    find_candidates,
+)
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, Costmap
 from lidarnaut.envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
 from lidarnaut.envs.navigation.navigator import NO_POSITION, Navigator
@@ -21,6 +28,15 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
+STILL_DISTANCE, STILL_TIME = 0.1, 30.0
+"""The robot counts as stuck if it moves less than this distance [m] in this time [s] and no frontier is left."""
+FAILURE_RADIUS, MAX_FAILURE_RADIUS = 3.0, 0.75
+"""Radius of the area around a frontier that is ignored after `MAX_FAILURES` failed drives, in robot radii, and maximum
+[m]. After a visit, visible frontier cells up to this distance beyond the frontier are ignored."""
+RETRY_RADIUS = 0.5
+"""A frontier within this distance of an earlier frontier takes over its age and number of failed drives [m]."""
+MAX_LOOKS = 40
+"""Maximum number of retries per episode when people may have blocked the passage to the last frontiers."""
 WALKING_SPEED = 0.2
 EXIT_REACH, MAX_EXITS = 0.3, 3
 """Maximum length [m] of drives out of a mapped obstacle, and maximum number of successive drives."""
@@ -54,7 +70,7 @@ class FrontierNavigator:
         self.navigator = Navigator(robot, control_period, params, max_time=max_time)
         self.robot, self.params, self._planning_params = robot, params, planning
         self._max_candidates = max_candidates if max_candidates is not None else 1 << 30
-        self._look_radius = min(params.look_radius * robot.radius, 0.75)
+        self._look_radius = min(FAILURE_RADIUS * robot.radius, MAX_FAILURE_RADIUS)
         self._min_steps = max(1, round(params.min_time / control_period))
         self.bodies = NO_POINTS
         """Obstacle points missing from the map, such as other robots, shape (n, 2), float64, base frame [m]."""
@@ -91,7 +107,7 @@ class FrontierNavigator:
     @property
     def end_reason(self) -> str:
         """Reason why no frontier is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
-        is_still = self._now - self._still[2] > self.params.still_time
+        is_still = self._now - self._still[2] > STILL_TIME
         return "stuck" if not self._has_start or is_still or self._is_enclosed() else "no_reachable_frontier"
 
     def _is_enclosed(self) -> bool:
@@ -101,8 +117,7 @@ class FrontierNavigator:
         return bool((np.hypot(*gaps.T) <= self.params.stuck_distance).all())
 
     def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
-        candidates, max_failures = self.candidates, self.params.max_failures
-        fill_features(candidates.table, candidates.chosen, *pose, max_failures, features, sectors, gaps)
+        fill_features(self.candidates.table, self.candidates.chosen, *pose, features, sectors, gaps)
 
     def choose(self, index: int, *, keep_clocks: bool = False) -> None:
         """Begin a drive to a reachable frontier.
@@ -183,7 +198,7 @@ class FrontierNavigator:
     def _look_again(self, goes_on: bool) -> bool:
         planning = self.map
         is_left = planning.frontier.any() or len(self._given_up) > 0
-        if self._num_looks == self.params.max_looks or not self._met or not is_left:
+        if self._num_looks == MAX_LOOKS or not self._met or not is_left:
             return False
         self._num_looks += not goes_on
         planning.look_again_at(self._given_up)
@@ -298,7 +313,7 @@ class FrontierNavigator:
         return row, col
 
     def _find(self, pose: Pose2D) -> None:
-        if math.dist(pose[:2], self._still[:2]) >= self.params.still_distance:
+        if math.dist(pose[:2], self._still[:2]) >= STILL_DISTANCE:
             self._still = (pose.x, pose.y, self._now)
         planning = self.map
         planning.refresh()
@@ -323,7 +338,7 @@ class FrontierNavigator:
         self._level = level
         height, width = planning.occupancy.shape
         raster = planning.occupancy, planning.expansion.predecessor.reshape(height + 2, width + 2)
-        past = self._seen, self.failures, self.target or NO_POSITION, self.params.retry_radius
+        past = self._seen, self.failures, self.target or NO_POSITION, RETRY_RADIUS
         frame = *planning.origin, planning.side
         self._seen, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
         costmap = Costmap(layer.costs, planning.grid, layer.params)
@@ -356,8 +371,8 @@ class FrontierNavigator:
     def _fail(self) -> None:
         assert self.target is not None
         self.failures = np.vstack([self.failures, self.target])
-        near = np.hypot(*(self.failures - self.target).T) <= self.params.retry_radius
-        if np.count_nonzero(near) >= self.params.max_failures:
+        near = np.hypot(*(self.failures - self.target).T) <= RETRY_RADIUS
+        if np.count_nonzero(near) >= MAX_FAILURES:
             planning = self.map
             planning.refresh()
             reach = math.ceil(self._look_radius / planning.side - 1e-9)

@@ -7,7 +7,6 @@
 """
 
 import math
-from dataclasses import asdict
 
 import numpy as np
 from numba import njit
@@ -24,6 +23,11 @@ DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 
 WELL_IN_VIEW = 0.8
 """Central fraction of the field of view that must contain the chosen frontier before the robot stops turning."""
+REPLAN_TIME, STALL_TIME, STALL_ANGLE = 4.0, 3.0, 0.3
+"""Interval between replans of the path [s]; time without translation or rotation that triggers a recovery behavior [s];
+minimum heading change that counts as rotation [rad]."""
+SPIN_RATE = 1.0
+"""Yaw rate of recovery spins [rad/s], limited by the robot."""
 CONTACT_MARGIN = 0.05
 """A stalled robot deletes remembered obstacles within this gap to its footprint [m], as contacts may enclose it."""
 NAVIGATOR = record_type(
@@ -67,10 +71,11 @@ def navigator_numbers(
     `period`: control period [s]. `max_time`: maximum drive time [s].
     """
     lidar = robot.lidar
-    times = {"max": max_time, "replan": params.replan_time, "stall": params.stall_time, "stuck": params.stuck_time}
+    times = {"max": max_time, "replan": REPLAN_TIME, "stall": STALL_TIME, "stuck": params.stuck_time}
     return {
         **follower_numbers(robot, period),
-        **asdict(params),
+        "max_recoveries": params.max_recoveries,
+        "stuck_distance": params.stuck_distance,
         **{f"{name}_steps": max(1, round(min(seconds, 1e6) / period)) for name, seconds in times.items()},
         "mount": (lidar.mount.x, lidar.mount.y, lidar.mount.yaw),
         # A beam's width avoids gaps in full turns.
@@ -80,7 +85,7 @@ def navigator_numbers(
         "range_far": 2.0 * robot.radius + 0.3,  # range of remembered points
         "goal_tolerance": min(params.goal_tolerance * robot.radius, params.max_goal_tolerance),
         "stall_distance": 0.25 * robot.radius + 0.02,
-        "spin_rate": min(robot.max_w, params.spin_rate),
+        "spin_rate": min(robot.max_w, SPIN_RATE),
         "back_reach": 0.5 * robot.radius + 0.1,
         "back_speed": min(0.4 * robot.max_v, 0.4),
     }
@@ -175,7 +180,7 @@ def recover(navigators, points, backwards, constants):
 def _count_still(record, pose, numbers):
     x, y, theta = pose
     moved = math.hypot(x - record.stall_x, y - record.stall_y) >= numbers.stall_distance
-    moved |= abs(wrap_angle(theta - record.stall_theta)) >= numbers.stall_angle
+    moved |= abs(wrap_angle(theta - record.stall_theta)) >= STALL_ANGLE
     if record.stall_steps < 0 or moved:
         record.stall_x, record.stall_y, record.stall_theta = x, y, theta
         record.stall_steps = 0

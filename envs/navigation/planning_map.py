@@ -23,6 +23,13 @@ from lidarnaut.envs.navigation.planning_kernels import (
 from lidarnaut.envs.navigation.planning_params import PlanningParams
 from lidarnaut.envs.robots import LidarParams, RobotParams
 
+SAME_OBSTACLE = 0.15
+"""Scanned obstacles within this distance of an occupied map cell count as already mapped [m]."""
+VIEW_DETOUR, VIEW_RANGE = 3.0, 8.0
+"""Additional path cost accepted for a viewpoint nearer to the frontier, and maximum radius for counting unknown area in
+view of a viewpoint [m]."""
+HEADING_DISTANCE = 0.6
+"""The heading change to a frontier is measured at this distance along its path [m]; an input of policies."""
 FIRST_LIMIT = 16.0
 """Initial path cost limit in the search for reachable frontiers [m], doubled as needed."""
 
@@ -51,13 +58,13 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         weights=step_weights(COST_WEIGHT, False),
         inflation=costmap.reach(side),
         radius=max(1, math.floor(radius / side + 1e-9)),
-        same_obstacle=round(params.same_obstacle / side),
+        same_obstacle=round(SAME_OBSTACLE / side),
         max_extent=max(2, round(params.max_extent / side)),
         views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
-        detour=round(params.detour / side * STRAIGHT * SCALE),
+        detour=round(VIEW_DETOUR / side * STRAIGHT * SCALE),
         first_limit=round(FIRST_LIMIT / side * STRAIGHT * SCALE),
-        view_reach=max(1, round(min(params.view_range, robot.lidar.range_max) / side)),
-        heading_steps=max(1, round(params.heading_distance / side)),
+        view_reach=max(1, round(min(VIEW_RANGE, robot.lidar.range_max) / side)),
+        heading_steps=max(1, round(HEADING_DISTANCE / side)),
         robot_radius=radius,  # footprint radius [m]
     )
 
@@ -79,7 +86,7 @@ class CostLayer:
 class PlanningMap:
     """Map for path planning: traversal costs and frontiers, with Nav2's layers for map, obstacles and inflation.
 
-    Unlike in Nav2, obstacles within `same_obstacle` of occupied map cells are not marked, so pose errors do not close
+    Unlike in Nav2, obstacles within `SAME_OBSTACLE` of occupied map cells are not marked, so pose errors do not close
     doors. Beams clear marked obstacles, never the map.
     """
 

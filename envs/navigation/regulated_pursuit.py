@@ -22,6 +22,14 @@ BEND_CHORD = 5
 """Number of path segments over which the path direction is measured, to slow down before bends."""
 NEAREST_WINDOW = 40
 """Number of path points searched for the point nearest to the robot."""
+ROTATE_UNTIL = 0.3
+"""Angle to the lookahead point below which a turn on the spot ends [rad]."""
+MAX_MIN_LOOKAHEAD, MAX_MARGIN = 0.25, 0.03
+"""Upper limits of the minimum lookahead distance (2 robot radii) and of the safety margin (0.4 robot radii) [m]."""
+BRAKING_SHARE = 0.5
+"""Fraction of maximum deceleration assumed for braking."""
+SIDESTEPS = (0.2, 0.4, 0.6, 0.8)
+"""Rotations of the lookahead point to either side, tried to steer past obstacles [rad]."""
 NUM_SQUEEZES, SQUEEZE_STEP = 5, 0.1
 """Number and spacing [rad] of directions tried on either side of the lookahead point in narrow passages."""
 FOLLOWER_FIELDS = [("index", np.int64), ("side", np.float64), ("rotating", np.int64)]
@@ -34,14 +42,10 @@ class FollowerParams:
 
     lookahead_time: float = 1.5
     """Lookahead distance divided by speed [s]."""
-    min_lookahead: float = 2.0
-    """Minimum lookahead distance, in robot radii, capped at 0.25 m."""
     max_lookahead: float = 0.9
     """Maximum lookahead distance [m]."""
     rotate_from: float = 0.785
     """Angle to the lookahead point above which the robot turns on the spot [rad]."""
-    rotate_until: float = 0.3
-    """Angle to the lookahead point below which a turn on the spot ends [rad]."""
     max_rotation: float = 1.8
     """Maximum yaw rate [rad/s]; faster turns degrade scan matching."""
     min_turn_time: float = 1.8
@@ -50,12 +54,6 @@ class FollowerParams:
     """Minimum speed near obstacles and in curves, as a fraction of maximum speed."""
     nearness_time: float = 0.6
     """Minimum time to close the gap to an obstacle [s]; limits the speed near obstacles."""
-    margin: float = 0.4
-    """Safety margin around the footprint, as a fraction of the robot's radius, capped at 0.03 m."""
-    sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
-    """Rotations of the lookahead point to either side, tried to steer past obstacles [rad]."""
-    braking: float = 0.5
-    """Fraction of maximum deceleration assumed for braking."""
 
 
 FAST = FollowerParams(
@@ -70,11 +68,9 @@ FAST = FollowerParams(
 """Parameters for fast robots without scan matching, tuned on the world family `clutter`."""
 
 
-def follower_numbers(
-    robot: RobotParams, period: float, params: FollowerParams = FollowerParams()
-) -> dict[str, float | tuple[float, ...]]:
+def follower_numbers(robot: RobotParams, period: float, params: FollowerParams = FollowerParams()) -> dict[str, float]:
     """Return robot and path follower constants for compiled functions; `period`: control period [s]."""
-    braking_v = params.braking * robot.max_acc_v
+    braking_v = BRAKING_SHARE * robot.max_acc_v
     return asdict(params) | {
         "period": period,
         "radius": robot.radius,
@@ -82,11 +78,11 @@ def follower_numbers(
         "max_w": robot.max_w,
         "rotation": min(robot.max_w, params.max_rotation),
         "braking_v": braking_v,
-        "braking_w": params.braking * robot.max_acc_w,
-        "reach": robot.radius + min(params.margin * robot.radius, 0.03) - 1.5 * robot.lidar.noise_std,
+        "braking_w": BRAKING_SHARE * robot.max_acc_w,
+        "reach": robot.radius + min(0.4 * robot.radius, MAX_MARGIN) - 1.5 * robot.lidar.noise_std,
         # In narrow passages.
         "tight_reach": robot.radius - robot.lidar.noise_std,
-        "min_lookahead": min(params.min_lookahead * robot.radius, 0.25),
+        "min_lookahead": min(2.0 * robot.radius, MAX_MIN_LOOKAHEAD),
         # Minimum length of tested arcs: braking distance from full speed.
         "look": robot.max_v * period + 0.5 * robot.max_v**2 / braking_v + 0.03,
     }
@@ -146,7 +142,7 @@ def _free(x, y, lookahead, reach, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _sidestep(state, x, y, free, obstacles, numbers):
-    for offset in numbers.sidesteps:
+    for offset in SIDESTEPS:
         for side in (state.side, -state.side):
             c, s = math.cos(side * offset), math.sin(side * offset)
             beside_x, beside_y = c * x - s * y, s * x + c * y
@@ -245,7 +241,7 @@ def follow(state, path, x, y, theta, v_now, obstacles, numbers):
     near = points_within(obstacles, max(lookahead, numbers.look) + numbers.reach)
     ahead, left, free = _carrot(state, path, x, y, theta, lookahead, near, numbers)
     angle = math.atan2(left, ahead)
-    if abs(angle) > (numbers.rotate_until if state.rotating else numbers.rotate_from):
+    if abs(angle) > (ROTATE_UNTIL if state.rotating else numbers.rotate_from):
         state.rotating = 1
         return 0.0, turn_rate(angle, numbers), False
     state.rotating = 0

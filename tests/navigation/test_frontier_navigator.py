@@ -11,12 +11,13 @@ from lidarnaut.envs.navigation import (
     NUM_SECTORS,
     CostmapParams,
     FrontierNavigator,
-    NavigatorParams,
     PlanningParams,
     frontier_mask,
     make_costmap,
     travel_field,
 )
+from lidarnaut.envs.navigation.frontier_navigator import RETRY_RADIUS, STILL_TIME
+from lidarnaut.envs.navigation.navigator_kernels import SPIN_RATE
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Reading
 
@@ -184,7 +185,7 @@ def test_only_the_candidate_nearest_to_the_last_choice_is_marked():
     chosen = robot.navigator.target
     gaps = np.hypot(*(robot.navigator.candidates["frontier"] - chosen).T)
     assert robot.navigator.candidates.chosen == gaps.argmin()
-    assert gaps.min() <= NavigatorParams().retry_radius
+    assert gaps.min() <= RETRY_RADIUS
 
 
 def test_a_robot_arrives_and_what_it_cannot_see_there_is_ignored():
@@ -265,7 +266,7 @@ def test_an_enclosed_robot_is_stuck():
     data[12:29, [12, 28]] = data[[12, 28], 12:29] = 100
     robot = Robot(data=data)
     assert robot.decide() == "looked_around"
-    assert robot.time < NavigatorParams().still_time
+    assert robot.time < STILL_TIME
     assert robot.navigator.end_reason == "stuck"
 
 
@@ -296,7 +297,7 @@ def test_a_frontier_that_is_gone_ends_the_drive_after_a_second():
     data = robot.belief.grid.data
     robot.change(slice(None), slice(None), np.where(data < 0, 100, data))
     assert robot.decide() == "frontier_gone"
-    assert robot.time == pytest.approx(1.0 + 2.0 * math.pi / NavigatorParams().spin_rate, abs=2 * PERIOD)
+    assert robot.time == pytest.approx(1.0 + 2.0 * math.pi / SPIN_RATE, abs=2 * PERIOD)
 
 
 def test_a_path_that_is_closed_fails_when_it_is_planned_anew():
