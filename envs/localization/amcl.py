@@ -27,6 +27,13 @@ from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 
 _MIN_HITS = 5
 _WIDE_FACTOR = 4.0
+BIN_SIZE, BIN_ANGLE = 0.5, math.radians(10.0)
+"""Side length [m] and heading width [rad] of histogram bins in KLD-sampling and clustering; headings are rounded to
+divide a full turn evenly."""
+INITIAL_STD = (0.5, 0.5, math.radians(15.0))
+"""Standard deviations of the initial pose [m, m, rad], as in Nav2."""
+MAX_SPREAD = 0.5
+"""Position spread (RMS) of the heaviest particle cluster above which the robot is lost [m]."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
 
 
@@ -42,7 +49,7 @@ class _MapTables:
         self.area = len(self.free_cells) * occupancy.resolution**2
         self.field = LikelihoodField(params, lidar, self.map)
         self.sensor_model = BeamModel(params, lidar, self.map) if params.sensor == "beam" else self.field
-        self.raster = BinRaster.over(self.map.bounds, params.bin_size, params.bin_angle)
+        self.raster = BinRaster.over(self.map.bounds, BIN_SIZE, BIN_ANGLE)
         self.in_use[key] = self
 
 
@@ -94,7 +101,7 @@ class Amcl:
     ) -> Belief:
         """Start on a known map at a `pose` (map frame), or by global localization (None).
 
-        `covariance`: covariance of `pose`, shape (3, 3) [m, m, rad]; None for `AmclParams.initial_std`.
+        `covariance`: covariance of `pose`, shape (3, 3) [m, m, rad]; None for `INITIAL_STD`.
 
         Raises:
             ValueError: no map, no free cell, `pose` outside of the map, or invalid covariance.
@@ -167,7 +174,7 @@ class Amcl:
     def _draw_around(self, pose: Pose2D, covariance: np.ndarray | None) -> np.ndarray:
         params = self.params
         if covariance is None:
-            covariance = np.diag(np.square([params.initial_std, params.initial_std, params.initial_std_theta]))
+            covariance = np.diag(np.square(INITIAL_STD))
         covariance = np.asarray(covariance, dtype=np.float64)
         if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
             raise ValueError(f"covariance must be a finite 3 x 3 matrix, got {covariance}")
@@ -253,7 +260,7 @@ class Amcl:
         weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, tables.raster)
         covariance = np.empty((3, 3))
         local = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
-        variance, limit = covariance[0, 0] + covariance[1, 1], self.params.lost_spread**2
+        variance, limit = covariance[0, 0] + covariance[1, 1], MAX_SPREAD**2
         has_converged = weight >= 0.5 and variance <= limit
         if self._rivals is None and variance > _WIDE_FACTOR**2 * limit:
             self._rivals = Rivals(tables.field, self.params.lost_updates)

@@ -1,6 +1,5 @@
 """Parameters and presets of AMCL."""
 
-import math
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -29,10 +28,6 @@ class AmclParams:
     """Maximum Kullback-Leibler divergence in KLD-sampling (Nav2: `pf_err`)."""
     kld_z: Positive = 0.99
     """Standard normal quantile in KLD-sampling (Nav2: `pf_z`)."""
-    bin_size: Positive = 0.5
-    """Side length of histogram bins in KLD-sampling and clustering [m]."""
-    bin_angle: Annotated[float, Field(gt=0.0, le=math.pi)] = math.radians(10.0)
-    """Heading width of histogram bins [rad], rounded to divide a full turn evenly."""
     alpha1: NotNegative = 0.2
     """Odometry noise: rotation variance per squared rotation [rad2/rad2]."""
     alpha2: NotNegative = 0.2
@@ -74,10 +69,6 @@ class AmclParams:
     """Decay rate per update of the long-term average likelihood; 0 disables random particle injection."""
     alpha_fast: Share = 0.0
     """Decay rate per update of the short-term average likelihood."""
-    initial_std: NotNegative = 0.5
-    """Standard deviation of the initial position per axis [m]."""
-    initial_std_theta: NotNegative = math.radians(15.0)
-    """Standard deviation of the initial heading [rad]."""
     lost_distance: NotNegative = 0.2
     """Beam end points up to this distance from a mapped obstacle fit the map [m]."""
     lost_fit: Share = 0.5
@@ -85,8 +76,6 @@ class AmclParams:
     lost_updates: Count = 5
     """Number of recent scans over which the fit to the map is averaged. Global localization takes at least as many
     scans."""
-    lost_spread: Positive = 0.5
-    """Maximum position spread (RMS) of the heaviest particle cluster [m]. Above this spread, the robot is lost."""
     relocalize: bool = False
     """Whether to restart global localization if recent scans do not fit the map. If no particle is in free space, it
     always restarts."""

@@ -29,7 +29,7 @@ class Hector(KeyScanSlam):
 
     def __init__(self, lidar: LidarParams, params: HectorParams) -> None:
         self._matcher = MatcherParams.of(params)
-        self._monitor = LocalizationMonitor(params.limited(lidar), params.lost_scans, params.uses_odometry)
+        self._monitor = LocalizationMonitor(params.limited(lidar), has_odometry=params.uses_odometry)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:

@@ -49,8 +49,9 @@ minus points in free space and beams through walls."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
 """Criterion for a lost robot: maximum fraction of beams through occupied cells, minimum number of tested beams, and
 number of consecutive scans above the maximum."""
-RECOVERY_SCANS = 4
-"""Number of consecutive scans that fit the map and end the lost state without relocalization."""
+LOST_SCANS, RECOVERY_SCANS = 3, 4
+"""Numbers of consecutive scans: those that do not fit the map make the robot lost; those that fit end the lost state
+without relocalization."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 FOUND_STD = (0.1, 0.1, 0.03)
 """Standard deviations of a relocalized pose [m, m, rad]."""
@@ -62,7 +63,7 @@ MAX_ACCEPTED_CROSSING = 0.08
 class LocalizationMonitor:
     """Monitor that detects a lost robot by scans that do not fit the map, and relocalizes the robot."""
 
-    def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
+    def __init__(self, lidar: LidarParams, lost_scans: int = LOST_SCANS, has_odometry: bool = True) -> None:
         """Create a monitor; the robot is lost after `lost_scans` consecutive scans that do not fit the map.
 
         Without odometry, one fitting scan ends the lost state.

@@ -121,16 +121,9 @@ class MatchingParams(SlamParams):
     """Half width of the wider search after a poor match [m]; in GMapping, also maximum correction of odometry."""
     retry_angle: Positive = 0.35
     """Half angle of the wider search after a poor match [rad]."""
-    retry_gain: NotNegative = 0.05
-    """Minimum gain to accept the wider search after a poor match: increase of the summed occupancy of known cells, per
-    scan point."""
     min_known_score: Share = 0.7
     """Minimum mean occupancy of known cells at the scan points; otherwise the scan does not fit the map, and the pose
     follows odometry."""
-    min_known_hits: Count = 20
-    """Minimum number of scan points in known cells to judge a match."""
-    lost_scans: Count = 3
-    """Number of consecutive scans that do not fit the map after which the robot is lost."""
     max_position_std: Positive = 1.0
     """Position standard deviation in the most uncertain direction above which the robot is lost [m]."""
     occupied_prob: Annotated[float, Field(gt=0.5, lt=1)] = 0.9
@@ -179,31 +172,12 @@ class GraphSlamParams(HectorParams):
     min_known_score: Share = 0.25
     submap_spacing: Count = 20
     """Number of nodes (scans) between submap starts; a submap holds twice as many."""
-    correlation: Positive = 5.0
-    """Factor that enlarges the covariance of a node pose in its submap, because errors of successive nodes are
-    correlated."""
-    node_sigma_xy: Positive = 0.03
-    """Minimum standard deviation of a node position in its submap [m]."""
-    node_sigma_theta: Positive = 0.008
-    """Minimum standard deviation of a node heading in its submap [rad]."""
     loops: LoopClosureParams = field(default_factory=LoopClosureParams)
     """Acceptance criteria for loop closures."""
     loop_every: Count = 2
     """Number of nodes between loop-closure searches."""
-    submap_every: Count = 6
-    """Minimum number of nodes between loop-closure searches of the same submap."""
-    max_candidates: Count = 2
-    """Maximum number of submaps searched for loop closures per node."""
     loop_scans: Count = 5
     """Number of recent scans merged for a loop-closure search."""
-    max_evaluations: Count = 20_000
-    """Maximum number of branch-and-bound nodes (blocks of poses) scored per loop-closure search."""
-    max_rendered: Count = 8
-    """Number of finished submaps kept in memory for loop-closure searches."""
-    phi: Positive = 9.0
-    """Chi-square above which loop-closure constraints get a lower weight."""
-    max_chi2: Positive = 54.0
-    """Chi-square above which loop-closure constraints are excluded from the pose graph."""
     linear_search_window: Positive = 4.0
     """Maximum half width of a loop-closure search [m]; the half width grows with the path between the scans."""
     optimise_every: Count = 10
@@ -222,8 +196,6 @@ class GraphSlamParams(HectorParams):
     """Heading change of a node above which the map is rebuilt [rad]."""
     cells_per_scan: Count = 1_000_000
     """Maximum work per new scan while the map is rebuilt, in cells along the inserted beams."""
-    final_passes: Annotated[int, Field(ge=0)] = 1
-    """Number of times that all scans are matched to the rebuilt map when SLAM ends (`finish`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)

@@ -18,7 +18,6 @@ from .relocalization import LocalizationMonitor
 from .scans import project_hits
 from .slam_params import TinySlamParams
 
-LOST_SCANS = 3
 WIDE_SPREAD = (0.3, 0.2)
 """Standard deviations of sampled positions [m] and headings [rad] in a second, wider search after a poor match."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
@@ -53,7 +52,7 @@ class TinySlam(KnownPoses):
         self._wide_search = self._search._replace(
             sigma_xy=WIDE_SPREAD[0] / params.resolution, sigma_theta=WIDE_SPREAD[1]
         )
-        self._monitor = LocalizationMonitor(params.limited(lidar), LOST_SCANS)
+        self._monitor = LocalizationMonitor(params.limited(lidar))
         self._noise, self._trace = np.empty((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
         super().__init__(lidar, params)
 

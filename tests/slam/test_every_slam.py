@@ -235,7 +235,7 @@ def test_no_map_can_be_given_and_teams_are_refused(name, complaint):
         ("hector", {"hole_width": 1.0}, "unknown key 'hole_width'"),
         ("gmapping", {"num_particles": 0}, "num_particles"),
         ("gmapping", {"resample_below": 1.5}, "resample_below"),
-        ("graph", {"phi": math.nan}, "phi"),
+        ("graph", {"urgent_correction": math.nan}, "urgent_correction"),
         ("graph", {"loops": {"min_score": 1.2}}, "min_score"),
     ],
 )

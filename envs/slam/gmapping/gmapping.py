@@ -13,7 +13,7 @@ from ..matcher import notify
 from ..matching.correlative import CorrelativeWindow, search_window
 from ..matching.covariance import motion_stds, position_std
 from ..matching.fields import LEAST_MAP_SHARE, fits_map
-from ..matching.scan_matcher import WINDOW_STDS, MatcherParams
+from ..matching.scan_matcher import MIN_KNOWN_HITS, RETRY_GAIN, WINDOW_STDS, MatcherParams
 from ..relocalization import FOUND_STD, LocalizationMonitor
 from ..scans import project_hits
 from ..slam_params import GMappingParams
@@ -67,7 +67,7 @@ class GMapping(KeyScanSlam):
 
     def __init__(self, lidar: LidarParams, params: GMappingParams) -> None:
         self._matcher = MatcherParams.of(params)
-        self._monitor = LocalizationMonitor(params.limited(lidar), params.lost_scans)
+        self._monitor = LocalizationMonitor(params.limited(lidar))
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: None = None) -> Belief:
@@ -149,7 +149,7 @@ class GMapping(KeyScanSlam):
         over = (self._points, num_points, self._matcher)
         found = self._proposals
         propose(self.map.maps, self.poses, tuple(motion), tuple(start), stds, *over, found)
-        is_poor = (found.num_known >= params.min_known_hits) & (found.known_scores < params.retry_below)
+        is_poor = (found.num_known >= MIN_KNOWN_HITS) & (found.known_scores < params.retry_below)
         weights = normalized_weights(self.log_weights)
         if weights[is_poor].sum() >= 0.5:
             # The motion model failed, and its covariance is too small.
@@ -159,7 +159,7 @@ class GMapping(KeyScanSlam):
             )
             wide = (params.retry_distance, half_angle)
             propose(self.map.maps, self.poses, tuple(motion), tuple(start), wide, *over, self._retried)
-            take_better(found, self._retried, params.retry_gain * num_points)
+            take_better(found, self._retried, RETRY_GAIN * num_points)
         self._fits = found.fits
         if self.observers:
             costs = num_points - found.num_known * found.known_scores

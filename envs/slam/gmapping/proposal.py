@@ -20,7 +20,7 @@ from lidarnaut.envs.geometry.pose import compose, distance
 
 from ..matching.covariance import correct_covariance, predict_covariance
 from ..matching.gauss_newton import evaluate, known_score_at, refine
-from ..matching.scan_matcher import make_prior
+from ..matching.scan_matcher import MIN_KNOWN_HITS, make_prior
 from .tiles import TileMap, TilePool
 
 
@@ -68,7 +68,7 @@ def _propose(map, num_levels, points, num_points, start, prior, params, max_corr
     over = (map, num_levels, points, num_points)
     x, y, theta, fit = refine(*over, start, prior, params.iterations, params.coarse_iterations)
     num_known, known_score = known_score_at(map, points, num_points, x, y, theta)
-    fits = num_known < params.min_known_hits or known_score >= params.min_known_score
+    fits = num_known < MIN_KNOWN_HITS or known_score >= params.min_known_score
     fits &= distance(x - prior.x, y - prior.y) <= max_correction
     if not fits:
         x, y, theta = prior.x, prior.y, prior.theta

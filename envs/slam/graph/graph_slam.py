@@ -20,6 +20,8 @@ from .local_slam import LocalSlam
 from .loop_search import NUM_SKIPPED_SUBMAPS, Confirmation, LoopSearch
 from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses
 
+PHI, MAX_CHI2 = 9.0, 54.0
+"""Chi-squares above which loop-closure constraints get a lower weight, and are excluded from the pose graph."""
 FINAL_ITERATIONS = 10
 
 
@@ -105,8 +107,7 @@ class GraphSlam(Hector):
         while self._iterations:
             self._optimise_once()
         poses = self.graph.arrays.nodes
-        for _ in range(self.params.final_passes):
-            poses[:] = refine_poses(self.params, self._lidar, self.nodes, poses)
+        poses[:] = refine_poses(self.params, self._lidar, self.nodes, poses)
         if len(poses):
             local = Pose2D(*self.nodes.poses[-1].tolist())
             self._graph_correction = Pose2D(*poses[-1].tolist()).compose(local.inverse())
@@ -181,13 +182,13 @@ class GraphSlam(Hector):
 
     def _optimise_once(self) -> None:
         params, arrays = self.params, self.graph.arrays
-        change = optimise_step(arrays, params.phi)
+        change = optimise_step(arrays, PHI)
         self._iterations -= 1
         if change < params.tolerance:
             self._iterations = 0
         if self._iterations or self.graph.num_submaps == 0:
             return
-        drop_outliers(arrays, params.max_chi2)
+        drop_outliers(arrays, MAX_CHI2)
         newest = self.graph.num_submaps - 1
         frame = Pose2D(*arrays.submaps[newest].tolist())
         self._graph_correction = frame.compose(self.nodes.submap_pose(newest).inverse())
@@ -224,5 +225,5 @@ def load_kernels() -> None:
         graph.add_constraint(node, 0, local.pose, local.constraint_covariance(0), is_loop=node == 2)
     search.add_candidates(2, 1 + NUM_SKIPPED_SUBMAPS)
     search.match(2, 0, (0.2, 0.1))
-    optimise_step(graph.arrays, params.phi)
-    drop_outliers(graph.arrays, params.max_chi2)
+    optimise_step(graph.arrays, PHI)
+    drop_outliers(graph.arrays, MAX_CHI2)

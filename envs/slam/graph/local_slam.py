@@ -13,6 +13,10 @@ from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 from .nodes import NodeStore
 
+CORRELATION = 5.0
+"""Factor that enlarges the covariance of a node pose in its submap: errors of successive nodes are correlated."""
+NODE_STD = (0.03, 0.03, 0.008)
+"""Minimum standard deviations of a node pose in its submap [m, m, rad]."""
 SUBMAP_RANGE = 12.0
 """Maximum lidar range assumed for the initial size of a submap [m]."""
 
@@ -94,6 +98,4 @@ class LocalSlam:
 
     def constraint_covariance(self, submap: int) -> np.ndarray:
         """Return the covariance of the last node pose in a submap, shape (3, 3), float64, submap frame [m^2, rad^2]."""
-        params = self._params
-        least = np.array([params.node_sigma_xy, params.node_sigma_xy, params.node_sigma_theta])
-        return params.correlation * self._covariances[submap] + np.diag(least**2)
+        return CORRELATION * self._covariances[submap] + np.diag(np.square(NODE_STD))

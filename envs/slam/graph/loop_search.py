@@ -31,6 +31,10 @@ MAX_UNCONFIRMED = 0.25
 """Maximum position correction of a loop closure that needs no confirmation [m]."""
 CONFIRMATION_NODES, CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE = 25, 0.2, 0.05
 """Maximum difference between two loop closures that confirm each other: nodes, distance [m], angle [rad]."""
+SUBMAP_EVERY, MAX_CANDIDATES = 6, 2
+"""Minimum number of nodes between loop-closure searches of the same submap, and maximum number of submaps per node."""
+MAX_EVALUATIONS, MAX_RENDERED = 20_000, 8
+"""Maximum number of branch-and-bound nodes (blocks of poses) scored per search, and of submaps kept in memory."""
 NUM_LEVELS = 5
 MAX_RANGE, MAX_POINTS = 12.0, 1200
 """Maximum range [m] and maximum number of scan points matched in a loop-closure search."""
@@ -133,12 +137,12 @@ class LoopSearch:
         distances = least_distances(arrays.nodes, nodes.spans.rows[:count], node)
         farthest = MAX_DISTANCE + 0.5 * params.linear_search_window
         for submap in np.flatnonzero(distances <= farthest).tolist():
-            if node - self._searched.get(submap, -params.submap_every) < params.submap_every:
+            if node - self._searched.get(submap, -SUBMAP_EVERY) < SUBMAP_EVERY:
                 continue
             window, least = window_size(float(lengths[submap]), params.linear_search_window), float(distances[submap])
             if least <= MAX_DISTANCE + 0.5 * window[0]:
                 near.append((least, submap, window))
-        return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
+        return [(submap, window) for _, submap, window in sorted(near)[:MAX_CANDIDATES]]
 
     def match(self, node: int, submap: int, window: tuple[float, float]) -> Loop | None:
         """Match recent scans of a node to a submap; return the loop closure if accepted.
@@ -153,7 +157,7 @@ class LoopSearch:
         arrays = self._graph.arrays
         frame, before = Pose2D(*arrays.submaps[submap].tolist()), Pose2D(*arrays.nodes[node].tolist())
         steps = SearchWindow(*window, angle_step(points, params.resolution))
-        limits = (SEARCH_SHARE * loops.min_score, params.max_evaluations)
+        limits = (SEARCH_SHARE * loops.min_score, MAX_EVALUATIONS)
         found = search(pyramid, points, frame.between(before), steps, *limits).pose
         if found is None:
             return None
@@ -171,7 +175,7 @@ class LoopSearch:
             field = Field.of(map.grid)
             kept = field, build_pyramid(field, NUM_LEVELS, max(self._params.linear_search_window, MAX_SURFACE))
         self._kept[submap] = kept
-        if len(self._kept) > self._params.max_rendered:
+        if len(self._kept) > MAX_RENDERED:
             del self._kept[next(iter(self._kept))]
         return kept
 

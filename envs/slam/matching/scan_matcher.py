@@ -17,6 +17,11 @@ from .gauss_newton import Fit, PosePrior, known_score_at, refine
 
 WINDOW_STDS = 2.0
 """Half width of correlative search windows, in standard deviations of the predicted pose."""
+MIN_KNOWN_HITS = 20
+"""Minimum number of scan points in known cells to judge a match."""
+RETRY_GAIN = 0.05
+"""Minimum gain to accept the wider search after a poor match: increase of the summed occupancy of known cells, per scan
+point."""
 NO_ODOMETRY_STD = 0.5
 """Standard deviation of the motion between two scans without odometry: of position [m], and of heading [rad]."""
 
@@ -35,8 +40,6 @@ class MatcherParams(NamedTuple):
     retry_below: float
     retry_distance: float
     retry_angle: float
-    retry_gain: float
-    min_known_hits: int
     min_known_score: float
 
     @classmethod
@@ -111,7 +114,7 @@ def match_to_levels(ranges, geometry, levels, sums, corner, last, predicted, par
     x, y, theta, fit = refine(levels, num_levels, points, count, pose, prior, finest_steps, steps)
     num_known, known_score = known_score_at(levels, points, count, x, y, theta)
     is_far = False
-    if num_known >= params.min_known_hits and known_score < params.retry_below:
+    if num_known >= MIN_KNOWN_HITS and known_score < params.retry_below:
         # The prediction failed, and its covariance is too small. Unknown cells count as 0, because they would attract a
         # wide search.
         half_width, half_angle = params.retry_distance / resolution, params.retry_angle
@@ -121,12 +124,12 @@ def match_to_levels(ranges, geometry, levels, sums, corner, last, predicted, par
         prior = make_prior(start, wide, params.residual_variance, resolution)
         found = refine(levels, num_levels, points, count, pose, prior, finest_steps, steps)
         there = known_score_at(levels, points, count, found[0], found[1], found[2])
-        if there[0] * there[1] > num_known * known_score + params.retry_gain * count:
+        if there[0] * there[1] > num_known * known_score + RETRY_GAIN * count:
             x, y, theta, fit = found
             num_known, known_score = there
             write_row(covariance.ravel(), wide.ravel())
             is_far = True
-    is_judged = num_known >= params.min_known_hits
+    is_judged = num_known >= MIN_KNOWN_HITS
     fits = not is_judged or known_score >= params.min_known_score
     if fits:
         if params.uses_distributions:
