@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import gc
 import hashlib
 import logging
 import multiprocessing
@@ -182,13 +181,7 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
     if not isinstance(dispatcher._cache, KernelCache):
         return compile(dispatcher, sig)
     with global_compiler_lock, _lock(dispatcher, sig):
-        is_on = gc.isenabled()
-        gc.disable()
-        try:
-            return compile(dispatcher, sig)
-        finally:
-            if is_on:
-                gc.enable()
+        return compile(dispatcher, sig)
 
 
 @contextlib.contextmanager

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import NonNegativeFloat, PositiveFloat
 from pydantic.dataclasses import dataclass
 
 from lidarnaut.baselines.frontier.rule_explorer import COMMITTED, RuleExplorer
@@ -16,6 +16,8 @@ CELL = 0.05
 """Cell side that converts published frontier sizes (in cells) to lengths [m]."""
 MIN_LENGTHS = (8 * CELL, 3 * CELL)
 """Minimum frontier lengths [m], tried in order until a frontier is reachable."""
+MAX_VIEWPOINTS = 40
+"""Maximum number of viewpoints that the next-best-view explorer scores, sampled at random."""
 
 
 def nearest(candidates: Candidates, belief: Belief) -> np.ndarray:
@@ -93,8 +95,6 @@ class ExploreLiteExplorer(RuleExplorer):
 class NextBestViewParams:
     """Parameters of next-best-view exploration; `discount` and `max_time` were tuned on training worlds."""
 
-    num_samples: PositiveInt = 40
-    """Maximum number of viewpoints to score, sampled at random."""
     discount: NonNegativeFloat = 0.15
     """Discount rate [1/m] in the score of a viewpoint: visible unknown area x exp(-discount x path length); 0.5 in the
     paper."""
@@ -117,8 +117,8 @@ class NextBestView:
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
         scores, drawn = np.full(len(candidates), -np.inf), np.arange(len(candidates))
-        if len(drawn) > self._params.num_samples:
-            drawn = np.sort(self._rng.choice(drawn, self._params.num_samples, replace=False))
+        if len(drawn) > MAX_VIEWPOINTS:
+            drawn = np.sort(self._rng.choice(drawn, MAX_VIEWPOINTS, replace=False))
         # Logarithms avoid underflow in large worlds.
         gains = np.log(np.maximum(candidates["visible"][drawn], 1e-9))
         scores[drawn] = gains - self._params.discount * candidates["cost"][drawn]

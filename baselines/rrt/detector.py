@@ -4,10 +4,11 @@ The mean shift is about 200 times faster than scikit-learn's `MeanShift`.
 """
 
 from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
 from numba import njit
-from pydantic import PositiveFloat, PositiveInt
+from pydantic import Field, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
 from lidarnaut.baselines.rrt.trees import Tree
@@ -18,6 +19,10 @@ from lidarnaut.envs.navigation.frontiers import information_gain
 MAX_ITERATIONS = 300
 TOLERANCE = 1e-3
 """Mean-shift step at convergence, as a fraction of the bandwidth."""
+NUM_SAMPLES, SPACING, MARGIN = 200, 0.3, 1.0
+"""Number of random samples per tree and control step, minimum distance of a new vertex from the nearest vertex of a
+tree [m], and margin of the sampling region around the observed area [m]."""
+StepLength = Annotated[float, Field(ge=SPACING)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +30,12 @@ class RrtParams:
     """Parameters of exploration by random trees.
 
     Defaults are from the launch file of Nguyen et al. (2022), except for `bandwidth` and `min_gain` (their program),
-    `num_samples`, `spacing`, `margin` and `patience`.
+    and `patience`.
     """
 
-    eta_local: PositiveFloat = 1.0
+    eta_local: StepLength = 1.0
     """Maximum step length of the local tree, which restarts at the robot [m]."""
-    eta_global: PositiveFloat = 15.0
+    eta_global: StepLength = 15.0
     """Maximum step length of the global tree, which never restarts [m]."""
     bandwidth: PositiveFloat = 0.3
     """Kernel radius of the mean shift that merges frontier points [m]."""
@@ -44,22 +49,10 @@ class RrtParams:
     """Weight of information gain (unknown area) relative to path length, lambda [1/m]."""
     hysteresis_radius: PositiveFloat = 3.0
     """Radius around the robot within which information gain is multiplied by `hysteresis_gain` [m]."""
-    hysteresis_gain: PositiveFloat = 2.0
-    """Factor on information gain within `hysteresis_radius` of the robot, greater than 1."""
-    num_samples: PositiveInt = 200
-    """Number of random samples per tree and control step."""
-    spacing: PositiveFloat = 0.3
-    """Minimum distance of a new vertex from the nearest vertex of a tree [m]."""
-    margin: PositiveFloat = 1.0
-    """Margin of the sampling region around the observed area [m]."""
+    hysteresis_gain: Annotated[float, Field(gt=1.0)] = 2.0
+    """Factor on information gain within `hysteresis_radius` of the robot."""
     patience: PositiveInt = 100
     """Number of control steps without an assignable frontier point after which exploration ends."""
-
-    def __post_init__(self) -> None:
-        if not self.hysteresis_gain > 1:
-            raise ValueError(f"hysteresis_gain must be greater than 1, got {self.hysteresis_gain}")
-        if not min(self.eta_local, self.eta_global) >= self.spacing:
-            raise ValueError(f"spacing must be at most eta_local and eta_global, got {self.spacing}")
 
 
 TEAM_PARAMS = RrtParams(eta_global=1.0)
@@ -130,12 +123,12 @@ class RrtDetector:
         """
         params = self._params
         if not self.trees:
-            self.trees = [Tree(robot, eta=params.eta_local, spacing=params.spacing, resets=True) for robot in robots]
-            self.trees.append(Tree(robots[0], eta=params.eta_global, spacing=params.spacing, resets=False))
+            self.trees = [Tree(robot, eta=params.eta_local, spacing=SPACING, resets=True) for robot in robots]
+            self.trees.append(Tree(robots[0], eta=params.eta_global, spacing=SPACING, resets=False))
         x0, y0, x1, y1 = crop_to_known(grid).bounds
-        low, high = np.array([x0, y0]) - params.margin, np.array([x1, y1]) + params.margin
+        low, high = np.array([x0, y0]) - MARGIN, np.array([x1, y1]) + MARGIN
         found = [
-            tree.grow(grid, self._rng.uniform(low, high, (params.num_samples, 2)), robot)
+            tree.grow(grid, self._rng.uniform(low, high, (NUM_SAMPLES, 2)), robot)
             for tree, robot in zip(self.trees, (*robots, robots[0]), strict=True)
         ]
         self.found = np.concatenate(found)

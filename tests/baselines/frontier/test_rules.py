@@ -160,7 +160,6 @@ def test_frontier_prefers_the_greater_gain_at_equal_distance():
         (TourParams, {"max_stops": 0}),
         (TourParams, {"hysteresis": -1.0}),
         (ExploreLite, {"gain_scale": -1.0}),
-        (NextBestViewParams, {"num_samples": 0}),
         (NextBestViewParams, {"discount": -0.1}),
         (GainOverCost, {"least_gain": 0.0}),
         (GainOverCost, {"least_cost": -1.0}),
@@ -171,9 +170,8 @@ def test_frontier_prefers_the_greater_gain_at_equal_distance():
         (FrontierParams, {"blacklist_radius": -1.0}),
         (FrontierParams, {"max_blacklist_size": 0}),
         (RrtParams, {"eta_local": 0.0}),
-        (RrtParams, {"num_samples": 0}),
         (RrtParams, {"hysteresis_gain": 1.0}),
-        (RrtParams, {"spacing": 2.0}),
+        (RrtParams, {"eta_global": 0.2}),
     ],
 )
 def test_params_refuse_nonsense(params_type, wrong):
