@@ -1,16 +1,13 @@
 """Parameters and presets of AMCL."""
 
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from lidarnaut.envs.files import resolve
-from lidarnaut.envs.robots.robot_params import CONFIG, NotNegative, Positive
+from lidarnaut.envs.robots.robot_params import CONFIG, Count, NotNegative, Positive, Share
 
-Count = Annotated[int, Field(ge=1)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
 SensorModel = Literal["likelihood_field", "likelihood_field_prob", "beam"]
 
 

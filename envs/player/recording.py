@@ -16,7 +16,7 @@ UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 """Cell values of recorded maps."""
 RANGE_STEPS = 254
 """Integer that stands for the lidar's maximum range in recorded scans."""
-NO_RETURN, NO_MEASUREMENT = 255, 0
+NO_RETURN = 255
 BODY_KINDS = ("attentive", "blind", "standing", "fixed_route")
 CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,

@@ -22,6 +22,8 @@ NotNegative = Annotated[float, Field(ge=0.0, le=MAX_NUMBER)]
 Side = Annotated[float, Field(gt=0.0, le=MAX_LENGTH)]
 Coordinate = Annotated[float, Field(ge=-MAX_LENGTH, le=MAX_LENGTH)]
 Tilt = Annotated[float, Field(ge=-MAX_TILT, le=MAX_TILT)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Count = Annotated[int, Field(ge=1)]
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 

@@ -4,17 +4,12 @@ from dataclasses import asdict, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from lidarnaut.envs.files import parse_record, read_mapping, resolve
 from lidarnaut.envs.robots import LidarParams, OdometryNoise
-
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Share = Annotated[float, Field(ge=0, le=1)]
-Count = Annotated[int, Field(ge=1)]
-CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)
+from lidarnaut.envs.robots.robot_params import CONFIG, Count, NotNegative, Positive, Share
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)

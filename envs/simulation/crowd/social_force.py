@@ -11,11 +11,12 @@ import numpy as np
 from numba import njit
 from pydantic import Field
 
+from lidarnaut.envs.robots.robot_params import Share
+
 from . import person_row as at
 from .walls import near_list, offset
 
 Positive = Annotated[float, Field(gt=0.0, le=100.0)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class SocialForce(NamedTuple):
