@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import gc
 import hashlib
 import logging
 import multiprocessing
@@ -181,7 +182,13 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
     if not isinstance(dispatcher._cache, KernelCache):
         return compile(dispatcher, sig)
     with global_compiler_lock, _lock(dispatcher, sig):
-        return compile(dispatcher, sig)
+        is_on = gc.isenabled()
+        gc.disable()
+        try:
+            return compile(dispatcher, sig)
+        finally:
+            if is_on:
+                gc.enable()
 
 
 @contextlib.contextmanager

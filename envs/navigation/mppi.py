@@ -6,7 +6,9 @@ critics of Nav2's MPPI controller. Noise is drawn once, as in Nav2. Tracked peop
 
 import math
 from collections import namedtuple
-from typing import Any, NamedTuple
+from dataclasses import dataclass, fields
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -27,52 +29,74 @@ HEADING_OFFSET = 10
 """Number of path points from the nearest point to the point that the robot should face."""
 HEADING_RADIUS = 0.2
 """The cost `angle` is zero below this distance to the path point that the robot should face [m]."""
-NUM_SAMPLES, NUM_STEPS = 800, 20
-"""Number of sampled twist sequences (Nav2: 2,000), and their length [control periods] (Nav2: 56 of 0.05 s)."""
-V_STD, W_STD, CORRELATION = 0.5, 0.4, 0.7
-"""Standard deviations of sampled forward speeds and yaw rates, as fractions of their maximum (Nav2: 0.4, 0.2), and
-correlation of noise between successive control periods (Nav2: white noise)."""
-MAX_ROTATION = 4.0
-"""Maximum yaw rate [rad/s], limited by the robot."""
-FOLLOW, ALIGN, ANGLE, TWIRL, REVERSE = 10.0, 2.0, 1.0, 0.1, 2.0
-"""Costs per second of driving time left to the end of the path at full speed (mean over a sampled trajectory), per
-metre of mean distance from the path, per radian between the final heading and the direction to the path ahead, per
-rad/s of mean absolute yaw rate, per second of driving backwards at full speed."""
-NEARNESS, MARGIN = 2.0, 0.25
-"""Cost per second of touching an obstacle; decreases quadratically to zero at the gap `MARGIN` [m]."""
-PEOPLE_MARGIN = 0.8
-"""Gap to people above which the cost `people` is zero [m]."""
-PEOPLE_GAP, HEADWAY = 0.05, 0.05
-"""Gap to a person that counts as contact [m], and its increase with the robot's speed [m per m/s], as people swerve."""
-DOUBT_TIME = 3.0
-"""Time constant of the decay of `people_touched` with prediction time [s]."""
-BRAKING_SHARE = 0.3
-"""Fraction of maximum deceleration assumed in the final collision check."""
-RESOLUTION, MAX_RANGE = 0.03, 4.0
-"""Cell side and maximum half side of the raster of obstacle distances [m]."""
 
 
-class MppiParams(NamedTuple):
-    """Cost parameters, tuned for the world family `hall` like the constants of this module."""
+@dataclass(frozen=True, slots=True)
+class MppiParams:
+    """Sampling and cost parameters, tuned for the world family `hall`."""
 
+    num_samples: int = 800
+    """Number of sampled twist sequences (Nav2: 2,000)."""
+    num_steps: int = 20
+    """Length of a twist sequence [control periods] (Nav2: 56 of 0.05 s)."""
+    v_std: float = 0.5
+    """Standard deviation of sampled forward speeds, as a fraction of the maximum speed (Nav2: 0.4)."""
+    w_std: float = 0.4
+    """Standard deviation of sampled yaw rates, as a fraction of the maximum yaw rate (Nav2: 0.2)."""
+    correlation: float = 0.7
+    """Correlation of noise between successive control periods (Nav2: white noise)."""
     temperature: float = 0.3
     """Cost increase that divides a sample's weight by e (lambda of Williams et al.)."""
     gamma: float = 0.015
     """Weight of the control cost for deviations from the previous mean sequence."""
+    max_rotation: float = 4.0
+    """Maximum yaw rate [rad/s], limited by the robot."""
+    backwards: float = 0.0
+    """Maximum backward speed, as a fraction of the maximum speed (Nav2: 0.7)."""
+    follow: float = 10.0
+    """Cost per second of the driving time left to the end of the path at full speed, mean over a sampled trajectory."""
+    align: float = 2.0
+    """Cost per metre of mean distance from the path."""
+    angle: float = 1.0
+    """Cost per radian between the final heading and the direction to the path ahead."""
+    nearness: float = 2.0
+    """Cost per second of touching an obstacle; decreases quadratically to zero at the gap `margin`."""
+    margin: float = 0.25
+    """Gap to obstacles above which the cost `nearness` is zero [m]."""
     people: float = 20.0
-    """Cost per second of touching a person; decreases quadratically to zero at the gap `PEOPLE_MARGIN`."""
+    """Cost per second of touching a person; decreases quadratically to zero at the gap `people_margin`."""
+    people_margin: float = 0.8
+    """Gap to people above which the cost `people` is zero [m]."""
     people_touched: float = 400.0
     """Cost of each control period in contact with a predicted person; decays with prediction time."""
+    people_gap: float = 0.05
+    """Gap to a person that counts as contact [m]."""
+    headway: float = 0.05
+    """Increase of the contact gap `people_gap` with the robot's speed [m per m/s], as people may swerve."""
+    doubt_time: float = 3.0
+    """Time constant of the decay of `people_touched` with prediction time [s]."""
+    twirl: float = 0.1
+    """Cost per rad/s of mean absolute yaw rate."""
+    braking: float = 0.3
+    """Fraction of maximum deceleration assumed in the final collision check."""
+    reverse: float = 2.0
+    """Cost per second of driving backwards at full speed."""
+    resolution: float = 0.03
+    """Cell side of the raster of obstacle distances [m]."""
+    max_range: float = 4.0
+    """Maximum half side of the raster of obstacle distances [m]."""
 
 
-_OF_ROBOT = ("period", "radius", "max_v", "max_w", "max_acc_v", "max_acc_w")
-MppiNumbers = namedtuple("MppiNumbers", [*_OF_ROBOT, *MppiParams._fields])  # type: ignore[misc]
+_OF_ROBOT = ("period", "radius", "max_v", "min_v", "max_w", "max_acc_v", "max_acc_w")
+_OWN = tuple(field.name for field in fields(MppiParams))
+MppiNumbers = namedtuple("MppiNumbers", [*_OF_ROBOT, *_OWN])  # type: ignore[misc]
 
 
 def mppi_numbers(robot: RobotParams, period: float, params: MppiParams) -> Any:
     """Return robot limits and planner parameters for compiled functions; `period`: control period [s]."""
-    limits = robot.max_v, min(MAX_ROTATION, robot.max_w), robot.max_acc_v, robot.max_acc_w
-    return MppiNumbers(*map(float, (period, robot.radius, *limits, *params)))
+    limits = robot.max_v, -params.backwards * robot.max_v, min(params.max_rotation, robot.max_w)
+    of_robot = period, robot.radius, *limits, robot.max_acc_v, robot.max_acc_w
+    return MppiNumbers(*map(float, (*of_robot, *attrgetter(*_OWN)(params))))
 
 
 @njit(cache=True, error_model="numpy")
@@ -85,7 +109,7 @@ def rate(controls, mean, now, path, along, squared, tracks, p, costs):
     """
     side, last = squared.shape[0], path.shape[0] - 1
     half, dt = 0.5 * side, p.period
-    here = math.sqrt(squared[side // 2, side // 2]) * RESOLUTION
+    here = math.sqrt(squared[side // 2, side // 2]) * p.resolution
     for i in range(controls.shape[0]):
         x = y = theta = cost = away = left = turned = 0.0
         v, w = now
@@ -97,16 +121,16 @@ def rate(controls, mean, now, path, along, squared, tracks, p, costs):
             y += v * dt * math.sin(theta + 0.5 * w * dt)
             theta += w * dt
             turned += abs(w)
-            cost -= REVERSE * dt * min(v, 0.0) / p.max_v
-            cost += p.gamma * (mean[t, 0] * (controls[i, t, 0] - mean[t, 0]) / (V_STD * p.max_v) ** 2)
-            cost += p.gamma * (mean[t, 1] * (controls[i, t, 1] - mean[t, 1]) / (W_STD * p.max_w) ** 2)
-            row, col = math.floor(y / RESOLUTION + half), math.floor(x / RESOLUTION + half)
+            cost -= p.reverse * dt * min(v, 0.0) / p.max_v
+            cost += p.gamma * (mean[t, 0] * (controls[i, t, 0] - mean[t, 0]) / (p.v_std * p.max_v) ** 2)
+            cost += p.gamma * (mean[t, 1] * (controls[i, t, 1] - mean[t, 1]) / (p.w_std * p.max_w) ** 2)
+            row, col = math.floor(y / p.resolution + half), math.floor(x / p.resolution + half)
             if 0 <= row < side and 0 <= col < side:
-                distance = math.sqrt(squared[row, col]) * RESOLUTION
-                if distance < p.radius + 0.5 * RESOLUTION and distance <= here:
+                distance = math.sqrt(squared[row, col]) * p.resolution
+                if distance < p.radius + 0.5 * p.resolution and distance <= here:
                     cost += COLLISION_COST * (2.0 - t / controls.shape[1])
                     break
-                cost += NEARNESS * dt * max(0.0, 1.0 - max(distance - p.radius, 0.0) / MARGIN) ** 2
+                cost += p.nearness * dt * max(0.0, 1.0 - max(distance - p.radius, 0.0) / p.margin) ** 2
             cost += _cost_of_people(x, y, abs(v), (t + 1) * dt, tracks, p)
             best = math.hypot(path[nearest, 0] - x, path[nearest, 1] - y)
             while nearest < last:
@@ -116,12 +140,12 @@ def rate(controls, mean, now, path, along, squared, tracks, p, costs):
                 nearest, best = nearest + 1, following
             away += best
             left += along[last] - along[nearest] + best
-        cost += FOLLOW * left / p.max_v / controls.shape[1]
-        cost += (ALIGN * away + TWIRL * turned) / controls.shape[1]
+        cost += p.follow * left / p.max_v / controls.shape[1]
+        cost += (p.align * away + p.twirl * turned) / controls.shape[1]
         ahead = min(nearest + HEADING_OFFSET, last)
         dx, dy = path[ahead, 0] - x, path[ahead, 1] - y
         if math.hypot(dx, dy) > HEADING_RADIUS:
-            cost += ANGLE * abs(wrap_angle(math.atan2(dy, dx) - theta))
+            cost += p.angle * abs(wrap_angle(math.atan2(dy, dx) - theta))
         costs[i] = cost
 
 
@@ -131,9 +155,9 @@ def _cost_of_people(x, y, v, time, tracks, p):
     for k in range(tracks.shape[0]):
         away = math.hypot(tracks[k, 0] + time * tracks[k, 2] - x, tracks[k, 1] + time * tracks[k, 3] - y)
         gap = away - tracks[k, 4] - p.radius
-        if gap < PEOPLE_MARGIN:
-            share = 1.0 - max(gap, 0.0) / PEOPLE_MARGIN
-            touched = p.people_touched * math.exp(-time / DOUBT_TIME) if gap < PEOPLE_GAP + HEADWAY * v else 0.0
+        if gap < p.people_margin:
+            share = 1.0 - max(gap, 0.0) / p.people_margin
+            touched = p.people_touched * math.exp(-time / p.doubt_time) if gap < p.people_gap + p.headway * v else 0.0
             cost += touched + p.people * p.period * share * share
     return cost
 
@@ -145,17 +169,17 @@ class MppiPlanner:
         self, robot: RobotParams, control_period: float, rng: np.random.Generator, params: MppiParams = MppiParams()
     ) -> None:
         self._numbers = mppi_numbers(robot, control_period, params)
-        self._horizon = NUM_STEPS * control_period
-        noise = rng.standard_normal((NUM_STEPS, NUM_SAMPLES, 2))
-        for t in range(1, NUM_STEPS):
-            noise[t] = CORRELATION * noise[t - 1] + math.sqrt(1.0 - CORRELATION**2) * noise[t]
-        noise *= V_STD * robot.max_v, W_STD * self._numbers.max_w
+        self._params, self._horizon = params, params.num_steps * control_period
+        noise = rng.standard_normal((params.num_steps, params.num_samples, 2))
+        for t in range(1, params.num_steps):
+            noise[t] = params.correlation * noise[t - 1] + math.sqrt(1.0 - params.correlation**2) * noise[t]
+        noise *= params.v_std * robot.max_v, params.w_std * self._numbers.max_w
         noise[:, 0] = 0.0  # previous mean without noise
         self._noise = np.ascontiguousarray(noise.transpose(1, 0, 2))
-        self._mean = np.zeros((NUM_STEPS, 2))
-        reach = min(robot.max_v * self._horizon + robot.radius, MAX_RANGE)
-        self._side = 2 * math.ceil(reach / RESOLUTION) + 1
-        self._reach = min(math.ceil((robot.radius + MARGIN) / RESOLUTION), 180)
+        self._mean = np.zeros((params.num_steps, 2))
+        reach = min(robot.max_v * self._horizon + robot.radius, params.max_range)
+        self._side = 2 * math.ceil(reach / params.resolution) + 1
+        self._reach = min(math.ceil((robot.radius + params.margin) / params.resolution), 180)
         self._path = np.empty((0, 2))
         self._index = 0
         self.tracks = np.empty((0, 5))
@@ -179,8 +203,7 @@ class MppiPlanner:
         controls = self._mean + self._noise
         controls[1] = 0.0
         controls[2::SPIN_STRIDE, :, 0] = 0.0
-        # The sign of zero is that of published episodes.
-        np.clip(controls, (-0.0, -p.max_w), (p.max_v, p.max_w), out=controls)
+        np.clip(controls, (p.min_v, -p.max_w), (p.max_v, p.max_w), out=controls)
         costs = np.empty(len(controls))
         rate(controls, self._mean, tuple(twist), *scene, costs)
         weights = np.exp((costs.min() - costs) / p.temperature)
@@ -199,12 +222,12 @@ class MppiPlanner:
 
     def _slow_down(self, v: float, w: float, obstacles: np.ndarray) -> tuple[float, float]:
         p = self._numbers
-        share = stoppable_share(obstacles, v, w, p.radius, BRAKING_SHARE * p.max_acc_v, p.period)
+        share = stoppable_share(obstacles, v, w, p.radius, p.braking * p.max_acc_v, p.period)
         return share * v, share * w
 
     def _look(self, obstacles: np.ndarray) -> np.ndarray:
         points = without_people(obstacles, self.tracks)
-        cells = np.floor(points / RESOLUTION + 0.5 * self._side).astype(np.int64)
+        cells = np.floor(points / self._params.resolution + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
         data = np.zeros((self._side, self._side), dtype=np.bool_)
         data[cells[:, 1], cells[:, 0]] = True

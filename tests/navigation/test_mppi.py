@@ -5,7 +5,6 @@ import numpy as np
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along, resample
-from lidarnaut.envs.navigation import mppi
 from lidarnaut.envs.navigation.mppi import COLLISION_COST, HEADING_RADIUS, MppiParams, MppiPlanner, mppi_numbers, rate
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
@@ -31,29 +30,27 @@ def reference_cost(controls, mean, now, path, points, tracks, p):
         y += v * p.period * math.sin(theta + 0.5 * w * p.period)
         theta += w * p.period
         turned += abs(w)
-        cost += mppi.REVERSE * p.period * max(-v, 0.0) / p.max_v
-        stds = np.array([mppi.V_STD * p.max_v, mppi.W_STD * p.max_w])
+        cost += p.reverse * p.period * max(-v, 0.0) / p.max_v
+        stds = np.array([p.v_std * p.max_v, p.w_std * p.max_w])
         cost += p.gamma * float((mean[t] * (controls[t] - mean[t]) / stds**2).sum())
         gap = np.hypot(*(points - (x, y)).T).min() - p.radius
-        if gap < 0.5 * mppi.RESOLUTION:
+        if gap < 0.5 * p.resolution:
             return math.inf
-        cost += mppi.NEARNESS * p.period * max(0.0, 1.0 - gap / mppi.MARGIN) ** 2
+        cost += p.nearness * p.period * max(0.0, 1.0 - gap / p.margin) ** 2
         time = (t + 1) * p.period
         for px, py, vx, vy, radius in tracks:
             gap = math.hypot(px + time * vx - x, py + time * vy - y) - radius - p.radius
-            cost += p.people * p.period * max(0.0, 1.0 - max(gap, 0.0) / mppi.PEOPLE_MARGIN) ** 2
-            cost += (
-                p.people_touched * math.exp(-time / mppi.DOUBT_TIME) * (gap < mppi.PEOPLE_GAP + mppi.HEADWAY * abs(v))
-            )
+            cost += p.people * p.period * max(0.0, 1.0 - max(gap, 0.0) / p.people_margin) ** 2
+            cost += p.people_touched * math.exp(-time / p.doubt_time) * (gap < p.people_gap + p.headway * abs(v))
         gaps = np.hypot(*(path - (x, y)).T)
         while nearest < len(path) - 1 and gaps[nearest + 1] <= gaps[nearest]:
             nearest += 1
         away += gaps[nearest]
         left += lengths_along(path)[-1] - lengths_along(path)[nearest] + gaps[nearest]
-    cost += (mppi.FOLLOW * left / p.max_v + mppi.ALIGN * away + mppi.TWIRL * turned) / len(controls)
+    cost += (p.follow * left / p.max_v + p.align * away + p.twirl * turned) / len(controls)
     to_path = path[min(nearest + 10, len(path) - 1)] - (x, y)
     if math.hypot(*to_path) > HEADING_RADIUS:
-        cost += mppi.ANGLE * abs(wrap_angle(math.atan2(to_path[1], to_path[0]) - theta))
+        cost += p.angle * abs(wrap_angle(math.atan2(to_path[1], to_path[0]) - theta))
     return cost
 
 
@@ -66,7 +63,7 @@ def test_sequences_cost_what_the_reference_says():
     cells = np.array([[140, 65], [165, 125]])
     is_occupied = np.zeros((181, 181), dtype=bool)
     is_occupied[cells[:, 1], cells[:, 0]] = True
-    points = mppi.RESOLUTION * (cells - 90.0)
+    points = p.resolution * (cells - 90.0)
     tracks = np.array([[2.0, 1.5, -1.0, -0.8, 0.3], [1.0, -2.0, 0.3, 1.2, 0.25]])
     costs = np.empty(len(controls))
     squared = squared_distances(is_occupied, 30)
@@ -135,14 +132,14 @@ def test_the_points_of_people_are_no_walls():
 
 
 def test_the_robot_can_stop_short_of_what_the_scan_shows_whatever_is_predicted():
-    angles, gap = np.linspace(0.0, 2.0 * math.pi, 60), 0.4
+    angles, gap, params = np.linspace(0.0, 2.0 * math.pi, 60), 0.4, MppiParams()
     x = JACKAL.radius + gap + 0.3
     body = np.array([x, 0.0]) + 0.3 * np.column_stack([np.cos(angles), np.sin(angles)])
     planner = planner_of()
     planner.set_path(STRAIGHT)
     planner.tracks = np.array([[x, 0.0, 4.0, 0.0, 0.3]])
     v, w = planner.command(Pose2D(0.0, 0.0, 0.0), Twist(2.0, 0.0), body)
-    stopping = v * PERIOD + 0.5 * v * v / (mppi.BRAKING_SHARE * JACKAL.max_acc_v)
+    stopping = v * PERIOD + 0.5 * v * v / (params.braking * JACKAL.max_acc_v)
     assert 0.5 * gap < stopping < gap + 0.03
     assert abs(w) < 1.0
     planner.tracks = NO_TRACKS
