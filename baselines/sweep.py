@@ -10,7 +10,7 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import COST_INSCRIBED, Costmap, GoalNavigator, GoalParams, is_path_valid, travel_field
-from lidarnaut.envs.navigation.obstacles import free_distance
+from lidarnaut.envs.navigation.maps.obstacles import free_distance
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.coverage import Frame

@@ -19,10 +19,13 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/ExploreAisles-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "warehouse"}),
     "lidarnaut/ExploreCaves-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "caves"}),
     "lidarnaut/ExploreTeam-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.explore:ExploreTeam"}),
-    "lidarnaut/ExploreFrontiers-v0": ("lidarnaut.envs.explore_frontiers:ExploreFrontiersEnv", {}),
-    "lidarnaut/ExploreTeamFrontiers-v0": ("lidarnaut.envs.explore_team_frontiers:ExploreTeamFrontiersEnv", {}),
+    "lidarnaut/ExploreFrontiers-v0": ("lidarnaut.envs.decisions.explore_frontiers:ExploreFrontiersEnv", {}),
+    "lidarnaut/ExploreTeamFrontiers-v0": (
+        "lidarnaut.envs.decisions.explore_team_frontiers:ExploreTeamFrontiersEnv",
+        {},
+    ),
     "lidarnaut/ExploreFrontiersAbstract-v0": (
-        "lidarnaut.envs.explore_frontiers_abstract:ExploreFrontiersAbstractEnv",
+        "lidarnaut.envs.decisions.abstract:ExploreFrontiersAbstractEnv",
         {},
     ),
     "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.navigate:Navigate"}),

@@ -20,7 +20,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.measures import PEOPLE
 from lidarnaut.envs.navigation import Markers
-from lidarnaut.envs.navigation.collision_monitor import CollisionMonitor
+from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import Observations, Tracks, make_parts
 from lidarnaut.envs.randomization import Randomization, Ranges
 from lidarnaut.envs.rendering.scene import Scene, scene_of
@@ -83,7 +83,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
       see docs/guides/training.md.
     - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped instead of raising an error.
     - `collision_monitor` (`False`): whether commands are slowed down to stop before obstacles in the scan, see
-      `lidarnaut.envs.navigation.collision_monitor`.
+      `lidarnaut.envs.navigation.controllers.collision_monitor`.
     - `render_mode` (`None`): `"human"` or `"rgb_array"`.
     - `fixed_info` (`False`): whether `info` has the same keys in every step, as Minari's
       `DataCollector(record_infos=True)` requires; entries of the last step are NaN, empty or `False` before.

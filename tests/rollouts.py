@@ -1,7 +1,7 @@
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
-from lidarnaut.envs.navigation.candidates import COST, FAILURES
+from lidarnaut.envs.navigation.frontiers.candidates import COST, FAILURES
 
 
 def rollout(env, seed, steps, rule=None):

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 import lidarnaut  # noqa: F401
-from lidarnaut.envs.navigation.collision_monitor import CollisionMonitor
-from lidarnaut.envs.navigation.obstacles import stoppable_share
+from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
+from lidarnaut.envs.navigation.maps.obstacles import stoppable_share
 from lidarnaut.envs.robots import load_robot
 
 CLUTTER = {

@@ -10,7 +10,7 @@ from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.navigation.docking import DOCK_GAP, approach, find_front
+from lidarnaut.envs.navigation.goals.docking import DOCK_GAP, approach, find_front
 from lidarnaut.envs.tasks.dock import Dock, with_stations
 from lidarnaut.envs.worlds import load_world
 from tests.rooms import make_room

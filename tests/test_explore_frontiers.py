@@ -9,12 +9,12 @@ from gymnasium.utils.env_checker import data_equivalence as same
 import lidarnaut  # noqa: F401
 from lidarnaut.agents.frontiers.score import FrontierScore
 from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.decisions.abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.estimation import Correction, MapUpdate
-from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
-from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.navigation import GainOverCost
-from lidarnaut.envs.navigation.candidates import COST
+from lidarnaut.envs.navigation.frontiers.candidates import COST
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.slam import GMapping, GraphSlam, Hector, KnownPoses, TinySlam, load_params

@@ -4,7 +4,7 @@ import pytest
 
 from lidarnaut.baselines import make_explorer
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.envs.explore_team_frontiers import ExploreTeamFrontiersEnv
+from lidarnaut.envs.decisions.explore_team_frontiers import ExploreTeamFrontiersEnv
 
 ROOMS = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic"}
 

@@ -8,8 +8,8 @@ import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines import make_explorer
 from lidarnaut.baselines.episode import begin_episode, decide_with, run
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
-from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.decisions.abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.tasks.explore import HOME_RADIUS, Explore, ExploreTeam
 from tests.rollouts import nearest, rollout
 
@@ -82,7 +82,7 @@ def test_the_last_decision_drives_home():
     ("name", "value", "reason"),
     [
         ("tasks.explore.HOME_RADIUS", 0.0, "arrived_home"),
-        ("navigation.goal_navigator.HOME", (40.0, 0.0), "no_path_home"),
+        ("navigation.goals.goal_navigator.HOME", (40.0, 0.0), "no_path_home"),
     ],
 )
 def test_a_robot_that_does_not_get_there_has_not_returned(name, value, reason, monkeypatch):

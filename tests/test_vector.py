@@ -14,7 +14,7 @@ from gymnasium.wrappers.vector import NormalizeReward as NormalizeRewards
 from gymnasium.wrappers.vector import RecordEpisodeStatistics, RecordVideo
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.observations import Motion
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.reach_goal import ReachGoal

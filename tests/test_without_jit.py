@@ -12,7 +12,7 @@ import pytest
 
 import lidarnaut  # noqa: F401
 from lidarnaut.envs.navigation import CANDIDATE
-from lidarnaut.envs.navigation.navigator_kernels import NAVIGATOR
+from lidarnaut.envs.navigation.controllers.navigator_kernels import NAVIGATOR
 from lidarnaut.envs.slam import SLAM_NAMES
 
 EXPLORE = "Explore"

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 
 from lidarnaut.envs.navigation import GainOverCost
-from lidarnaut.envs.navigation import candidates as column
-from lidarnaut.envs.navigation.views import NUM_SECTORS
+from lidarnaut.envs.navigation.frontiers import candidates as column
+from lidarnaut.envs.navigation.frontiers.views import NUM_SECTORS
 
 _NAMES = """
 log_visible minus_log_cost log_visible_3 minus_log_cost_half minus_cost cost_ratio unknown_1m unknown_2m unknown_4m

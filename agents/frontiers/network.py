@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from lidarnaut.agents.networks import PATCH, JointPolicy, MapPatches, Tensors
 from lidarnaut.envs.navigation import GainOverCost
-from lidarnaut.envs.navigation.candidates import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
+from lidarnaut.envs.navigation.frontiers.candidates import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
 
 from .features import NUM_FEATURES
 from .score import FAILURE_PENALTY, FrontierScore

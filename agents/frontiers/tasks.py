@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.decisions.abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.files import read_record
 from lidarnaut.envs.robots import ROBOT_NAMES, RobotParams, load_robot
 from lidarnaut.envs.worlds import FAMILIES, WORLD_NAMES, World, explorable_area, load_world

@@ -5,7 +5,7 @@ import numpy as np
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates, FrontierNavigator, Markers, NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.frontier_navigator import ARRIVED, DRIVE_TIME_UP, RETRY_RADIUS
+from lidarnaut.envs.navigation.frontiers.frontier_navigator import ARRIVED, DRIVE_TIME_UP, RETRY_RADIUS
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

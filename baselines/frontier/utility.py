@@ -20,9 +20,9 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.navigation import Candidates, DwbPlanner, crop_to_known
-from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
-from lidarnaut.envs.navigation.frontiers import information_gain
-from lidarnaut.envs.navigation.planning_params import DwbParams, NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation.frontiers.frontiers import information_gain
+from lidarnaut.envs.navigation.maps.costmap import OCCUPIED_FROM
+from lidarnaut.envs.navigation.maps.planning_params import DwbParams, NavigatorParams, PlanningParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

@@ -10,7 +10,7 @@ from lidarnaut.baselines.frontier.tour import blocks_of
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.lines import cell_along, longest_step
 from lidarnaut.envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, travel_field
-from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
+from lidarnaut.envs.navigation.search.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
 
 MAX_VIEWPOINTS = 900
 MIN_SPACING = 0.3

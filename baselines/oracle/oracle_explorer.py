@@ -7,7 +7,7 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import Navigator, PlanningMap, crop_to_known, make_costmap, plan_path
-from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN
+from lidarnaut.envs.navigation.controllers.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.coverage import Coverage

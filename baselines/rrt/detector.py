@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass
 from lidarnaut.baselines.rrt.trees import Tree
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import crop_to_known
-from lidarnaut.envs.navigation.frontiers import information_gain
+from lidarnaut.envs.navigation.frontiers.frontiers import information_gain
 
 MAX_ITERATIONS = 300
 TOLERANCE = 1e-3

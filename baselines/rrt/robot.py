@@ -2,8 +2,8 @@ import numpy as np
 
 from lidarnaut.baselines.rrt.detector import RrtParams
 from lidarnaut.envs.navigation import COST_MAX_FREE, COST_UNKNOWN, NO_POINTS
-from lidarnaut.envs.navigation.planning_map import CostLayer
-from lidarnaut.envs.navigation.team_robot import TeamRobot
+from lidarnaut.envs.navigation.maps.planning_map import CostLayer
+from lidarnaut.envs.navigation.teams.team_robot import TeamRobot
 from lidarnaut.envs.robots import RobotParams
 
 

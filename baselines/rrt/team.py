@@ -17,9 +17,9 @@ from lidarnaut.baselines.teams.team import TeamExplorer
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import NO_POINTS, Candidates, Markers
-from lidarnaut.envs.navigation.frontiers import information_gain
-from lidarnaut.envs.navigation.team_navigator import UNASSIGNED
-from lidarnaut.envs.navigation.team_robot import TeamRobot
+from lidarnaut.envs.navigation.frontiers.frontiers import information_gain
+from lidarnaut.envs.navigation.teams.team_navigator import UNASSIGNED
+from lidarnaut.envs.navigation.teams.team_robot import TeamRobot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

@@ -10,7 +10,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.lines import next_cell, start_walk
-from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
+from lidarnaut.envs.navigation.maps.costmap import OCCUPIED_FROM
 
 UNKNOWN_AHEAD, BLOCKED, CLEAR = -1, 0, 1
 """Results of checking cells along a line: unknown first, obstacle first, or all free."""

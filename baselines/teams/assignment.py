@@ -11,7 +11,7 @@ from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, cover, path_le
 from lidarnaut.baselines.teams.tours import min_max_tours
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates, GainOverCost
-from lidarnaut.envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
+from lidarnaut.envs.navigation.teams.team_navigator import OVERLAP, UNASSIGNED, discount
 
 COVER_RADIUS = 2.0
 """Frontiers within this distance of a tour stop need no stop of their own [m]."""

@@ -7,8 +7,8 @@ from lidarnaut.baselines.frontier.pursuit_explorer import pursue
 from lidarnaut.baselines.teams.assignment import Assignment
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Markers
-from lidarnaut.envs.navigation.team_navigator import TeamNavigator
-from lidarnaut.envs.navigation.team_robot import TeamRobot
+from lidarnaut.envs.navigation.teams.team_navigator import TeamNavigator
+from lidarnaut.envs.navigation.teams.team_robot import TeamRobot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

@@ -1,9 +1,25 @@
 """Costmaps, frontiers, path planning and driving on the estimated map."""
 
 from lidarnaut.envs.geometry.occupancy_grid import crop_to_known
-
-from .candidates import CANDIDATE, FEATURES, Candidates, GainOverCost, Markers, failed_last, robot_features
-from .costmap import (
+from lidarnaut.envs.navigation.controllers.dwb import DwbPlanner
+from lidarnaut.envs.navigation.controllers.mppi import MppiParams, MppiPlanner
+from lidarnaut.envs.navigation.controllers.navigator import Navigator
+from lidarnaut.envs.navigation.controllers.regulated_pursuit import FollowerParams, PathFollower
+from lidarnaut.envs.navigation.frontiers.candidates import (
+    CANDIDATE,
+    FEATURES,
+    Candidates,
+    GainOverCost,
+    Markers,
+    failed_last,
+    robot_features,
+)
+from lidarnaut.envs.navigation.frontiers.frontier_navigator import FrontierNavigator
+from lidarnaut.envs.navigation.frontiers.frontiers import frontier_mask
+from lidarnaut.envs.navigation.frontiers.views import NUM_SECTORS
+from lidarnaut.envs.navigation.goals.docking import DockNavigator
+from lidarnaut.envs.navigation.goals.goal_navigator import GoalNavigator, GoalParams, HomeNavigator
+from lidarnaut.envs.navigation.maps.costmap import (
     COST_FREE,
     COST_INSCRIBED,
     COST_LETHAL,
@@ -13,19 +29,10 @@ from .costmap import (
     CostmapParams,
     make_costmap,
 )
-from .docking import DockNavigator
-from .dwb import DwbPlanner
-from .frontier_navigator import FrontierNavigator
-from .frontiers import frontier_mask
-from .goal_navigator import GoalNavigator, GoalParams, HomeNavigator
-from .mppi import MppiParams, MppiPlanner
-from .navigator import Navigator
-from .obstacles import NO_POINTS, free_distance
-from .paths import TravelField, is_path_valid, plan_path, smooth_path, travel_field
-from .planning_map import PlanningMap
-from .planning_params import DwbParams, NavigatorParams, PlanningParams
-from .regulated_pursuit import FollowerParams, PathFollower
-from .views import NUM_SECTORS
+from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS, free_distance
+from lidarnaut.envs.navigation.maps.planning_map import PlanningMap
+from lidarnaut.envs.navigation.maps.planning_params import DwbParams, NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation.search.paths import TravelField, is_path_valid, plan_path, smooth_path, travel_field
 
 __all__ = [
     "CANDIDATE",

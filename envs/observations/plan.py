@@ -9,8 +9,8 @@ from numba import njit
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.files import load_object
 from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost
-from lidarnaut.envs.navigation.candidates import HALF_AREA, HALF_COST
-from lidarnaut.envs.navigation.regulated_pursuit import nearest_index
+from lidarnaut.envs.navigation.controllers.regulated_pursuit import nearest_index
+from lidarnaut.envs.navigation.frontiers.candidates import HALF_AREA, HALF_COST
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.task import BoxPart

@@ -17,7 +17,7 @@ from lidarnaut.envs.estimation.tracking import (
     tracker_numbers,
     write_bodies,
 )
-from lidarnaut.envs.navigation.goal_navigator import SENSITIVE_TRACKER
+from lidarnaut.envs.navigation.goals.goal_navigator import SENSITIVE_TRACKER
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at

@@ -11,7 +11,7 @@ import numpy as np
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import NO_POINTS, Candidates, FrontierNavigator, Markers
-from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
+from lidarnaut.envs.navigation.maps.costmap import OCCUPIED_FROM
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.simulation.crowd.person_row import KIND
 

@@ -8,7 +8,7 @@ import pygame
 from scipy import ndimage
 
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
-from lidarnaut.envs.navigation.frontiers import frontier_mask
+from lidarnaut.envs.navigation.frontiers.frontiers import frontier_mask
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.worlds import World
 from lidarnaut.envs.worlds.map_worlds import left_out

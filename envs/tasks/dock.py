@@ -9,7 +9,7 @@ import numpy as np
 from lidarnaut.envs.arguments import is_number, is_pose
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import DOCK
-from lidarnaut.envs.navigation.docking import DOCK_GAP
+from lidarnaut.envs.navigation.goals.docking import DOCK_GAP
 from lidarnaut.envs.observations import Battery
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams

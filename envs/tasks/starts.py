@@ -12,7 +12,7 @@ from lidarnaut.envs.arguments import check_positive, is_pose
 from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
-from lidarnaut.envs.navigation.frontiers import is_visible
+from lidarnaut.envs.navigation.frontiers.frontiers import is_visible
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.slam import DEFAULT_SLAM, base_name, make_slam
 from lidarnaut.envs.task import Task

@@ -22,6 +22,6 @@ def _make(entry_point: str, num_envs: int = 1, *, physics: str = "kinematic", **
 
 
 LidarEnvs = partial(_make, "lidarnaut.envs.core:LidarEnv")
-ExploreFrontiersEnvs = partial(_make, "lidarnaut.envs.explore_frontiers:ExploreFrontiersEnv")
-ExploreFrontiersAbstractEnvs = partial(_make, "lidarnaut.envs.explore_frontiers_abstract:ExploreFrontiersAbstractEnv")
-ExploreTeamFrontiersEnvs = partial(_make, "lidarnaut.envs.explore_team_frontiers:ExploreTeamFrontiersEnv")
+ExploreFrontiersEnvs = partial(_make, "lidarnaut.envs.decisions.explore_frontiers:ExploreFrontiersEnv")
+ExploreFrontiersAbstractEnvs = partial(_make, "lidarnaut.envs.decisions.abstract:ExploreFrontiersAbstractEnv")
+ExploreTeamFrontiersEnvs = partial(_make, "lidarnaut.envs.decisions.explore_team_frontiers:ExploreTeamFrontiersEnv")

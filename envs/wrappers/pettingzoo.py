@@ -15,7 +15,7 @@ except ImportError as error:
 
 from lidarnaut.envs.arguments import read_options
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.explore_team_frontiers import ExploreTeamFrontiersEnv
+from lidarnaut.envs.decisions.explore_team_frontiers import ExploreTeamFrontiersEnv
 from lidarnaut.envs.tasks.explore import ExploreTeam
 
 Observation = dict[str, np.ndarray]

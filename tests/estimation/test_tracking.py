@@ -25,7 +25,7 @@ from lidarnaut.envs.estimation.tracking import (
 )
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.raycast import cast_rays
-from lidarnaut.envs.navigation.goal_navigator import SENSITIVE_TRACKER
+from lidarnaut.envs.navigation.goals.goal_navigator import SENSITIVE_TRACKER
 from lidarnaut.envs.robots import LidarParams, Mount
 
 LIDAR = LidarParams(num_beams=360, range_max=12.0, range_min=0.12, noise_std=0.01, mount=Mount(x=-0.05, yaw=0.3))

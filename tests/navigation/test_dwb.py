@@ -7,7 +7,7 @@ from scipy.ndimage import binary_dilation
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import DwbParams, DwbPlanner
-from lidarnaut.envs.navigation.critics import (
+from lidarnaut.envs.navigation.controllers.critics import (
     BASE_OBSTACLE,
     GOAL_DIST,
     OSCILLATION,

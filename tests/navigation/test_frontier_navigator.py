@@ -16,8 +16,8 @@ from lidarnaut.envs.navigation import (
     make_costmap,
     travel_field,
 )
-from lidarnaut.envs.navigation.frontier_navigator import RETRY_RADIUS, STILL_TIME
-from lidarnaut.envs.navigation.navigator_kernels import SPIN_RATE
+from lidarnaut.envs.navigation.controllers.navigator_kernels import SPIN_RATE
+from lidarnaut.envs.navigation.frontiers.frontier_navigator import RETRY_RADIUS, STILL_TIME
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Reading
 

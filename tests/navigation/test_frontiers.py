@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from lidarnaut.envs.geometry import OccupancyGrid
-from lidarnaut.envs.navigation.frontiers import frontier_mask, information_gain
-from lidarnaut.envs.navigation.views import NUM_RAYS, NUM_SECTORS, cast_view, fill_sectors, unknown_share
+from lidarnaut.envs.navigation.frontiers.frontiers import frontier_mask, information_gain
+from lidarnaut.envs.navigation.frontiers.views import NUM_RAYS, NUM_SECTORS, cast_view, fill_sectors, unknown_share
 
 EIGHT = np.ones((3, 3), dtype=bool)
 

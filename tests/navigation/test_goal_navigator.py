@@ -9,8 +9,8 @@ from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import DwbParams, GoalNavigator, GoalParams, Navigator
-from lidarnaut.envs.navigation.goal_navigator import LOCAL_PLANNERS
-from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
+from lidarnaut.envs.navigation.controllers.reactive_driving import ReactiveDriver
+from lidarnaut.envs.navigation.goals.goal_navigator import LOCAL_PLANNERS
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.navigate import Navigate

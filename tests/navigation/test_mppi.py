@@ -5,7 +5,14 @@ import numpy as np
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along, resample
-from lidarnaut.envs.navigation.mppi import COLLISION_COST, HEADING_RADIUS, MppiParams, MppiPlanner, mppi_numbers, rate
+from lidarnaut.envs.navigation.controllers.mppi import (
+    COLLISION_COST,
+    HEADING_RADIUS,
+    MppiParams,
+    MppiPlanner,
+    mppi_numbers,
+    rate,
+)
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import Navigator, free_distance
-from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED
-from lidarnaut.envs.navigation.obstacles import BUMP_POINTS
+from lidarnaut.envs.navigation.controllers.navigator_kernels import DRIVING, FAILED
+from lidarnaut.envs.navigation.maps.obstacles import BUMP_POINTS
 from lidarnaut.envs.robots import Mount, load_robot
 from lidarnaut.envs.simulation import Twist
 from tests.baselines.maps import reading_of

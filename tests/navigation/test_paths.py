@@ -18,8 +18,8 @@ from lidarnaut.envs.navigation import (
     smooth_path,
     travel_field,
 )
-from lidarnaut.envs.navigation.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
-from lidarnaut.envs.navigation.paths import exits
+from lidarnaut.envs.navigation.search.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
+from lidarnaut.envs.navigation.search.paths import exits
 from tests.navigation.costs import cost_at
 
 PARAMS = CostmapParams(robot_radius=0.2, inflation_radius=0.6)

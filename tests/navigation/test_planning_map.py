@@ -12,8 +12,14 @@ from scipy import ndimage
 
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.navigation import PlanningMap, PlanningParams, frontier_mask, make_costmap
-from lidarnaut.envs.navigation.frontiers import TILE, frontier_groups, frontier_in_sight, frontier_near, is_visible
-from lidarnaut.envs.navigation.planning_kernels import mark
+from lidarnaut.envs.navigation.frontiers.frontiers import (
+    TILE,
+    frontier_groups,
+    frontier_in_sight,
+    frontier_near,
+    is_visible,
+)
+from lidarnaut.envs.navigation.maps.planning_kernels import mark
 from lidarnaut.envs.robots import LidarParams, load_robot
 from tests.navigation.costs import cost_at
 

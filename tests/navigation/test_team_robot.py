@@ -2,7 +2,7 @@ import numpy as np
 
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import CostmapParams, make_costmap, travel_field
-from lidarnaut.envs.navigation.team_robot import find_waiting_cell, is_beside, outline
+from lidarnaut.envs.navigation.teams.team_robot import find_waiting_cell, is_beside, outline
 from tests.rooms import BURGER
 
 

@@ -7,7 +7,7 @@ pytest.importorskip("pettingzoo", reason="pettingzoo is not installed")
 from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.explore_team_frontiers import ExploreTeamFrontiersEnv
+from lidarnaut.envs.decisions.explore_team_frontiers import ExploreTeamFrontiersEnv
 from lidarnaut.envs.tasks.explore import ExploreTeam
 from lidarnaut.envs.wrappers.pettingzoo import TeamFrontiersAECEnv, TeamParallelEnv
 

@@ -7,7 +7,7 @@ from lidarnaut.agents.algorithms import Actor
 from lidarnaut.agents.frontiers.features import NUM_FEATURES, PRIOR
 from lidarnaut.agents.frontiers.network import FrontierNetwork, FrontierPolicy
 from lidarnaut.agents.frontiers.score import FrontierScore
-from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.decisions.abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.navigation import GainOverCost
 
 QUICK = {"world": "rooms", "world_size": (10.0, 10.0), "target_coverage": 0.95}

@@ -20,8 +20,8 @@ from lidarnaut.baselines import make_explorer
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.frontier.rules import nearest
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
-from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.decisions.abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.tasks.explore import Explore
 

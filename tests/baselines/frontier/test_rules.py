@@ -19,7 +19,7 @@ from lidarnaut.baselines import (
 )
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.tasks.explore import Explore

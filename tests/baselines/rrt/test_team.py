@@ -12,7 +12,7 @@ from lidarnaut.baselines.rrt.team import RrtTeam
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OCCUPIED, OccupancyGrid
-from lidarnaut.envs.navigation.team_navigator import UNASSIGNED
+from lidarnaut.envs.navigation.teams.team_navigator import UNASSIGNED
 from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from tests.baselines.oracle.test_cover_planner import world_of
 

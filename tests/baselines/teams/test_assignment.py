@@ -8,7 +8,7 @@ from lidarnaut.baselines.frontier.tour import cover
 from lidarnaut.baselines.teams.assignment import COVER_RADIUS, MAX_STOPS
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.navigation import GainOverCost
-from lidarnaut.envs.navigation.team_navigator import UNASSIGNED, discount
+from lidarnaut.envs.navigation.teams.team_navigator import UNASSIGNED, discount
 from lidarnaut.envs.tasks.explore import ExploreTeam
 from tests.baselines.maps import belief_at, candidates_from, corridor
 

@@ -14,7 +14,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lookup import record_type
-from lidarnaut.envs.navigation.obstacles import free_distance, points_within
+from lidarnaut.envs.navigation.maps.obstacles import free_distance, points_within
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 

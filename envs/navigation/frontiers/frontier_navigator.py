@@ -7,8 +7,17 @@ from scipy.spatial import cKDTree
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.navigation.astar import UNREACHED
-from lidarnaut.envs.navigation.candidates import (
+from lidarnaut.envs.navigation.controllers.navigator import NO_POSITION, Navigator
+from lidarnaut.envs.navigation.controllers.navigator_kernels import (
+    DRIVING,
+    FAILED,
+    REACHED,
+    REPLAN,
+    SPUN,
+    TIME_UP,
+    WELL_IN_VIEW,
+)
+from lidarnaut.envs.navigation.frontiers.candidates import (
     CANDIDATE,
     MAX_FAILURES,
     Candidates,
@@ -16,14 +25,18 @@ from lidarnaut.envs.navigation.candidates import (
     fill_features,
     find_candidates,
 )
-from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, Costmap
-from lidarnaut.envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
-from lidarnaut.envs.navigation.navigator import NO_POSITION, Navigator
-from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP, WELL_IN_VIEW
-from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.paths import exits, nearest_cell, search_goal, travel_field, write_path
-from lidarnaut.envs.navigation.planning_map import CostLayer, PlanningMap
-from lidarnaut.envs.navigation.planning_params import NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation.frontiers.frontiers import (
+    frontier_groups,
+    frontier_in_sight,
+    frontier_near,
+    split_groups,
+)
+from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, Costmap
+from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
+from lidarnaut.envs.navigation.maps.planning_map import CostLayer, PlanningMap
+from lidarnaut.envs.navigation.maps.planning_params import NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation.search.astar import UNREACHED
+from lidarnaut.envs.navigation.search.paths import exits, nearest_cell, search_goal, travel_field, write_path
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

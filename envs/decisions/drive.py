@@ -2,7 +2,7 @@
 
 from numba import njit
 
-from lidarnaut.envs.navigation.navigator_kernels import (
+from lidarnaut.envs.navigation.controllers.navigator_kernels import (
     DRIVING,
     check_progress,
     compute_velocity_command,

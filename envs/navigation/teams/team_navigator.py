@@ -11,9 +11,9 @@ import numpy as np
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.peers import PeerFilter
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.navigation.candidates import Candidates
-from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.team_robot import TeamRobot, is_beside, outline
+from lidarnaut.envs.navigation.frontiers.candidates import Candidates
+from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
+from lidarnaut.envs.navigation.teams.team_robot import TeamRobot, is_beside, outline
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 

@@ -16,8 +16,8 @@ from numba import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
-from lidarnaut.envs.navigation.obstacles import stoppable_share, without_people
-from lidarnaut.envs.navigation.regulated_pursuit import NEAREST_WINDOW, nearest_index
+from lidarnaut.envs.navigation.controllers.regulated_pursuit import NEAREST_WINDOW, nearest_index
+from lidarnaut.envs.navigation.maps.obstacles import stoppable_share, without_people
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 

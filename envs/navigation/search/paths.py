@@ -9,7 +9,9 @@ from numba import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.geometry.rows import write_row
-from lidarnaut.envs.navigation.astar import (
+from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN, Costmap
+from lidarnaut.envs.navigation.maps.obstacles import free_distance
+from lidarnaut.envs.navigation.search.astar import (
     COST_WEIGHT,
     NO_GOAL,
     NO_STEP,
@@ -22,8 +24,6 @@ from lidarnaut.envs.navigation.astar import (
     search,
     step_weights,
 )
-from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN, Costmap
-from lidarnaut.envs.navigation.obstacles import free_distance
 
 SHORTCUT = 4.0
 """Maximum length of a straight line that replaces a stretch of a path [m]."""

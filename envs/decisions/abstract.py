@@ -7,10 +7,10 @@ from typing import Any, cast
 import numpy as np
 
 from lidarnaut.envs.arguments import check_positive, is_number
+from lidarnaut.envs.decisions.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
 from lidarnaut.envs.estimation import ORIGIN
-from lidarnaut.envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
-from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, SPUN, TIME_UP
+from lidarnaut.envs.navigation.controllers.navigator_kernels import DRIVING, FAILED, REACHED, SPUN, TIME_UP
 from lidarnaut.envs.simulation import KinematicSimulator
 from lidarnaut.envs.simulation.crowd.step import step_people
 from lidarnaut.envs.simulation.records import THETA, X

@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat
 from pydantic.dataclasses import dataclass
 
-from lidarnaut.envs.navigation.costmap import CostmapParams
+from lidarnaut.envs.navigation.maps.costmap import CostmapParams
 
 Samples = Annotated[int, Field(ge=1, le=200)]
 Granularity = Annotated[float, Field(ge=0.005, le=1.0)]

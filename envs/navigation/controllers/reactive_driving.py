@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from lidarnaut.envs.navigation.obstacles import free_distance
+from lidarnaut.envs.navigation.maps.obstacles import free_distance
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 

@@ -11,8 +11,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.rows import write_row
-
-from .costmap import COST_INSCRIBED
+from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED
 
 ROTATE_TO_GOAL, OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST = range(7)
 NUM_CRITICS = 7

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from lidarnaut.envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
+from lidarnaut.envs.decisions.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
 from lidarnaut.envs.navigation import Markers
-from lidarnaut.envs.navigation.team_navigator import UNASSIGNED, TeamNavigator, discount
-from lidarnaut.envs.navigation.team_robot import TeamRobot
+from lidarnaut.envs.navigation.teams.team_navigator import UNASSIGNED, TeamNavigator, discount
+from lidarnaut.envs.navigation.teams.team_robot import TeamRobot
 from lidarnaut.envs.observations import Peers
 from lidarnaut.envs.observations.positions import PEERS_RANGE
 from lidarnaut.envs.robot import Robot

@@ -7,10 +7,10 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
-from lidarnaut.envs.navigation.frontier_navigator import FrontierNavigator
-from lidarnaut.envs.navigation.navigator_kernels import DRIVING, REPLAN
-from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.paths import TravelField, travel_field
+from lidarnaut.envs.navigation.controllers.navigator_kernels import DRIVING, REPLAN
+from lidarnaut.envs.navigation.frontiers.frontier_navigator import FrontierNavigator
+from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
+from lidarnaut.envs.navigation.search.paths import TravelField, travel_field
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 

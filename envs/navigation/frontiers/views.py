@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from lidarnaut.envs.geometry import OCCUPIED_FROM
-from lidarnaut.envs.navigation.frontiers import is_visible
+from lidarnaut.envs.navigation.frontiers.frontiers import is_visible
 
 NUM_RAYS = 48
 NUM_SECTORS = 24

@@ -15,16 +15,16 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.tracking import PeopleTracker, TrackerParams
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
-from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_UNKNOWN, Costmap
-from lidarnaut.envs.navigation.dwb import DwbPlanner
-from lidarnaut.envs.navigation.mppi import MppiPlanner
-from lidarnaut.envs.navigation.navigator import Navigator
-from lidarnaut.envs.navigation.navigator_kernels import FAILED
-from lidarnaut.envs.navigation.paths import exits, is_path_valid, plan_path, smooth_path
-from lidarnaut.envs.navigation.planning_map import PlanningMap
-from lidarnaut.envs.navigation.planning_params import DwbParams, NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
-from lidarnaut.envs.navigation.regulated_pursuit import FAST, PathFollower, turn_rate
+from lidarnaut.envs.navigation.controllers.dwb import DwbPlanner
+from lidarnaut.envs.navigation.controllers.mppi import MppiPlanner
+from lidarnaut.envs.navigation.controllers.navigator import Navigator
+from lidarnaut.envs.navigation.controllers.navigator_kernels import FAILED
+from lidarnaut.envs.navigation.controllers.reactive_driving import ReactiveDriver
+from lidarnaut.envs.navigation.controllers.regulated_pursuit import FAST, PathFollower, turn_rate
+from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, COST_LETHAL, COST_UNKNOWN, Costmap
+from lidarnaut.envs.navigation.maps.planning_map import PlanningMap
+from lidarnaut.envs.navigation.maps.planning_params import DwbParams, NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation.search.paths import exits, is_path_valid, plan_path, smooth_path
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

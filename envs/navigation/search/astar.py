@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN
+from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN
 
 STRAIGHT = 70
 """Integer length of a straight grid step; `DIAGONAL / STRAIGHT` approximates the square root of two."""

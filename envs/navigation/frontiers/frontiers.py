@@ -12,7 +12,7 @@ from numba import njit
 from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid, Window
 from lidarnaut.envs.geometry.lines import cell_along
 from lidarnaut.envs.geometry.pose import wrap_angle
-from lidarnaut.envs.navigation.planning_kernels import join_cells
+from lidarnaut.envs.navigation.maps.planning_kernels import join_cells
 
 TILE = 32
 """Side of square tiles with counts of frontier cells, to skip empty tiles [cells]."""

@@ -11,14 +11,21 @@ import numpy as np
 from lidarnaut.envs.geometry import OCCUPIED, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
+from lidarnaut.envs.navigation.controllers.critics import (
+    NUM_CRITICS,
+    Ending,
+    Rasters,
+    RolloutParams,
+    cell_of,
+    judge,
+    spread,
+)
+from lidarnaut.envs.navigation.controllers.regulated_pursuit import NEAREST_WINDOW, nearest_index
+from lidarnaut.envs.navigation.maps.costmap import CostmapParams, inflate
+from lidarnaut.envs.navigation.maps.obstacles import without_people
+from lidarnaut.envs.navigation.maps.planning_params import DwbParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
-
-from .costmap import CostmapParams, inflate
-from .critics import NUM_CRITICS, Ending, Rasters, RolloutParams, cell_of, judge, spread
-from .obstacles import without_people
-from .planning_params import DwbParams
-from .regulated_pursuit import NEAREST_WINDOW, nearest_index
 
 
 class DwbPlanner:

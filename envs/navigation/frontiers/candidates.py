@@ -15,11 +15,7 @@ from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.geometry import OCCUPIED_FROM
 from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle
-from lidarnaut.envs.navigation.astar import NO_GOAL, NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
-from lidarnaut.envs.navigation.costmap import Costmap
-from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.paths import walk_back
-from lidarnaut.envs.navigation.views import (
+from lidarnaut.envs.navigation.frontiers.views import (
     NUM_RAYS,
     NUM_SECTORS,
     SHARE_RADII,
@@ -28,6 +24,10 @@ from lidarnaut.envs.navigation.views import (
     fill_sectors,
     unknown_share,
 )
+from lidarnaut.envs.navigation.maps.costmap import Costmap
+from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
+from lidarnaut.envs.navigation.search.astar import NO_GOAL, NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
+from lidarnaut.envs.navigation.search.paths import walk_back
 from lidarnaut.envs.robots import RobotParams
 
 CANDIDATE = record_type(

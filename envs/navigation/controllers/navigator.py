@@ -16,7 +16,7 @@ import numpy as np
 from lidarnaut.envs.estimation import ORIGIN, Correction
 from lidarnaut.envs.estimation.motion import make_motion_source
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.navigation.navigator_kernels import (
+from lidarnaut.envs.navigation.controllers.navigator_kernels import (
     NAVIGATOR,
     check_progress,
     compute_velocity_command,
@@ -24,9 +24,9 @@ from lidarnaut.envs.navigation.navigator_kernels import (
     recover,
     update_obstacles,
 )
-from lidarnaut.envs.navigation.obstacles import BUMP_POINTS, MAX_REMEMBERED, NO_POINTS
-from lidarnaut.envs.navigation.planning_params import NavigatorParams
-from lidarnaut.envs.navigation.regulated_pursuit import as_record
+from lidarnaut.envs.navigation.controllers.regulated_pursuit import as_record
+from lidarnaut.envs.navigation.maps.obstacles import BUMP_POINTS, MAX_REMEMBERED, NO_POINTS
+from lidarnaut.envs.navigation.maps.planning_params import NavigatorParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

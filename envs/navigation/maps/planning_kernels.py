@@ -11,8 +11,8 @@ from numba import njit
 
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OCCUPIED_FROM
 from lidarnaut.envs.geometry.lines import next_cell, start_walk
-from lidarnaut.envs.navigation.costmap import inflate
-from lidarnaut.envs.navigation.obstacles import points_within
+from lidarnaut.envs.navigation.maps.costmap import inflate
+from lidarnaut.envs.navigation.maps.obstacles import points_within
 
 
 @njit(cache=True, error_model="numpy")

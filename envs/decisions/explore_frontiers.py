@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from lidarnaut.envs.arguments import check_positive, is_whole
 from lidarnaut.envs.core import LidarEnv, Quantities
-from lidarnaut.envs.drive_kernel import UNCHECKED, drive
+from lidarnaut.envs.decisions.drive import UNCHECKED, drive
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import (
     FEATURES,

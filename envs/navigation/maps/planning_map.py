@@ -8,11 +8,10 @@ import numpy as np
 
 from lidarnaut.envs.geometry import NO_WINDOW, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.geometry.occupancy_grid import known_window
-from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, new_expansion, step_weights
-from lidarnaut.envs.navigation.costmap import COST_UNKNOWN, Costmap, CostmapParams
-from lidarnaut.envs.navigation.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
-from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.planning_kernels import (
+from lidarnaut.envs.navigation.frontiers.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
+from lidarnaut.envs.navigation.maps.costmap import COST_UNKNOWN, Costmap, CostmapParams
+from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
+from lidarnaut.envs.navigation.maps.planning_kernels import (
     cells_of,
     clear_beams,
     join_cells,
@@ -20,7 +19,8 @@ from lidarnaut.envs.navigation.planning_kernels import (
     obstacle_cells,
     update_costs,
 )
-from lidarnaut.envs.navigation.planning_params import PlanningParams
+from lidarnaut.envs.navigation.maps.planning_params import PlanningParams
+from lidarnaut.envs.navigation.search.astar import COST_WEIGHT, SCALE, STRAIGHT, new_expansion, step_weights
 from lidarnaut.envs.robots import LidarParams, RobotParams
 
 SAME_OBSTACLE = 0.15

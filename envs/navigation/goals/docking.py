@@ -7,7 +7,7 @@ import numpy as np
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
-from lidarnaut.envs.navigation.goal_navigator import STOP, GoalNavigator
+from lidarnaut.envs.navigation.goals.goal_navigator import STOP, GoalNavigator
 from lidarnaut.envs.simulation import Reading, Twist
 
 DOCK_GAP, STAGING_DISTANCE, PROJECTION = 0.1, 0.9, 0.15

@@ -13,9 +13,9 @@ from numba import njit
 
 from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle
-from lidarnaut.envs.navigation.obstacles import add_bump, forget_inside, free_distance, remember, scan_points
-from lidarnaut.envs.navigation.planning_params import NavigatorParams
-from lidarnaut.envs.navigation.regulated_pursuit import FOLLOWER_FIELDS, follow, follower_numbers, turn_rate
+from lidarnaut.envs.navigation.controllers.regulated_pursuit import FOLLOWER_FIELDS, follow, follower_numbers, turn_rate
+from lidarnaut.envs.navigation.maps.obstacles import add_bump, forget_inside, free_distance, remember, scan_points
+from lidarnaut.envs.navigation.maps.planning_params import NavigatorParams
 from lidarnaut.envs.robots import RobotParams
 
 DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)

@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.navigation.obstacles import scan_points, stoppable_share
+from lidarnaut.envs.navigation.maps.obstacles import scan_points, stoppable_share
 from lidarnaut.envs.robots import RobotParams
 
 BRAKING = 0.5
