@@ -71,7 +71,7 @@ def test_both_checkers_have_no_complaint(id, physics):
 @every_task
 def test_same_seed_same_bytes_in_copies_too(task, physics):
     env, other = (make(task, physics=physics, render_mode="rgb_array") for _ in range(2))
-    steps = 4 if task == "ExploreFrontiers" else 20
+    steps = 4 if "Frontiers" in task else 8
     first = rollout(env, 7, steps)
     env.render()
     for each in (env, other, pickle.loads(pickle.dumps(env)), gymnasium.make(EnvSpec.from_json(env.spec.to_json()))):
@@ -116,25 +116,25 @@ def test_the_docstring_tells_each_space_as_it_is(task):
 NO_NUMBERS = (STILL.astype(complex), np.ma.masked_array(STILL, [True, False]), ["0.5", "0.5"], [None, 0.0], [True] * 2)
 
 
-@pytest.mark.parametrize("action", NO_NUMBERS)
-def test_actions_that_are_no_real_numbers_are_refused(action):
+def test_actions_that_are_no_real_numbers_are_refused():
     env, vector = make("Explore"), gymnasium.make_vec("lidarnaut/Explore-v0", 1, num_workers=0, **TASKS["Explore"])
-    for each, given in ((env, action), (vector, [action] if isinstance(action, list) else action[None])):
+    for each in (env, vector):
         each.reset(seed=0)
-        with pytest.raises(ValueError, match="action must hold real numbers, got"):
-            each.step(given)
-        each.close()
+    for action in NO_NUMBERS:
+        for each, given in ((env, action), (vector, [action] if isinstance(action, list) else action[None])):
+            with pytest.raises(ValueError, match="action must hold real numbers, got"):
+                each.step(given)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1.5, -2, 10**6, None])
 @every_task
-def test_bad_actions_are_refused(task, value):
+def test_bad_actions_are_refused(task):
     env = make(task).unwrapped
     env.reset(seed=0)
     shape = env.action_space.shape
-    action = np.zeros((1, *shape)) if value is None else np.full(shape, value) if shape else value
-    with pytest.raises(ValueError, match="action must"):
-        env.step(action)
+    for value in (np.nan, np.inf, 1.5, -2, 10**6, None):
+        action = np.zeros((1, *shape)) if value is None else np.full(shape, value) if shape else value
+        with pytest.raises(ValueError, match="action must"):
+            env.step(action)
 
 
 MOTION = {"pose_error", "path_length", "collisions", "time", "rewards", "is_success"}

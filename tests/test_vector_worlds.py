@@ -114,8 +114,7 @@ OWN = {
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-@pytest.mark.parametrize(("mode", "num_workers"), MODES)
-@pytest.mark.parametrize("case", OWN)
+@pytest.mark.parametrize(("case", "mode", "num_workers"), [(case, *MODES[k % 2]) for k, case in enumerate(OWN)])
 def test_worlds_and_tasks_of_users_do_as_in_single_environments(case, mode, num_workers):
     ours, theirs = both(num_workers, mode, {**QUICK, **OWN[case]})
     worlds = set()
@@ -135,8 +134,7 @@ def test_samplers_with_a_memory_are_called_for_the_worlds_that_are_needed_alone(
     ours.close()
 
 
-@pytest.mark.parametrize(("mode", "num_workers"), MODES)
-@pytest.mark.parametrize("wrapper", [Called, Levels])
+@pytest.mark.parametrize(("wrapper", "mode", "num_workers"), [(Called, *MODES[0]), (Levels, *MODES[1])])
 def test_the_next_episode_has_the_next_level(wrapper, mode, num_workers):
     ours, theirs = both(num_workers, mode, {**QUICK, "time_limit": 1.0}, [wrapper])
     for k, _ in enumerate(step_both(ours, theirs, np.full((20, 3, 2), 0.3))):
@@ -204,27 +202,27 @@ def test_preparing_draws_from_no_other_generator_and_copies_share_what_is_prepar
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-@pytest.mark.parametrize("end", ["import sys; sys.exit()", "import gc; v.self = v; del v; gc.collect()", "v.close()"])
-def test_forked_processes_leave_the_workers_of_their_parents_alone(end, tmp_path):
-    code = f"""
-import multiprocessing, os, time, warnings
+def test_forked_processes_leave_the_workers_of_their_parents_alone():
+    code = """
+import gc, multiprocessing, os, sys, time, warnings
 warnings.simplefilter("ignore")
 import gymnasium, lidarnaut
 other = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60.0,))
 other.start()
 v = gymnasium.make_vec("lidarnaut/Explore-v0", 2, num_workers=2, world="rooms", world_size=(6.0, 6.0))
 v.reset(seed=0)
-if (child := os.fork()) == 0:
-    try:
-        v.step(v.action_space.sample())
-    except RuntimeError as error:
-        assert "belong to the process that forked" in str(error)
-    assert multiprocessing.active_children() == [other]  # as without workers
-    multiprocessing.process._children.clear()
-    {end}
-    raise SystemExit
-assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
-v.step(v.action_space.sample())
+for end in ("sys.exit()", "v.self = v; del v; gc.collect()", "v.close()"):
+    if (child := os.fork()) == 0:
+        try:
+            v.step(v.action_space.sample())
+        except RuntimeError as error:
+            assert "belong to the process that forked" in str(error)
+        assert multiprocessing.active_children() == [other]  # as without workers
+        multiprocessing.process._children.clear()
+        exec(end)
+        raise SystemExit
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    v.step(v.action_space.sample())
 v.close()
 other.kill()
 """
