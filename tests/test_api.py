@@ -1,6 +1,4 @@
 import inspect
-import subprocess
-import sys
 import typing
 
 import gymnasium
@@ -32,19 +30,6 @@ def test_signatures_are_typed(name):
 def test_unknown_names_list_the_known_ones():
     with pytest.raises(AttributeError, match=r"no attribute 'fly'.* make_explorer, policies_for"):
         lidarnaut.fly  # noqa: B018
-
-
-IMPORT = """
-import sys, lidarnaut, gymnasium
-assert not {"torch", "numba", "stable_baselines3", "scipy", "tyro"} & sys.modules.keys(), sorted(sys.modules)
-assert "lidarnaut/Explore-v0" in gymnasium.registry
-from lidarnaut import train, evaluate
-assert callable(train) and callable(evaluate) and "torch" not in sys.modules
-"""
-
-
-def test_import_registers_the_environments_and_loads_no_heavy_library():
-    subprocess.run([sys.executable, "-c", IMPORT], check=True)
 
 
 def test_a_first_session_works_with_public_names(tmp_path):

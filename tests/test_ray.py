@@ -138,7 +138,7 @@ def test_a_sweep_comes_out_where_the_command_says_and_says_what_failed(address, 
 
 def test_an_evolution_reaches_the_same_values(address, here, monkeypatch):
     monkeypatch.chdir(here)
-    config = EvolutionConfig(**EVOLUTION | {"tasks": 2, "generations": 1, "validation_tasks": 1})
+    config = EvolutionConfig(**EVOLUTION | {"tasks": 2, "generations": 1})
     runs = [evolve(config, run=Path(f"evolved_{at}"), ray=at, progress=False) for at in (None, address)]
     for name in ("generations.csv", "evaluations.csv"):
         assert (runs[0] / name).read_text() == (runs[1] / name).read_text()

@@ -1,9 +1,12 @@
+from functools import cache
+
 import pytest
 
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.training import train
 from lidarnaut.envs.files import parse_record
 from tests.agents.fake_env import ID
+from tests.agents.tiny import tiny
 
 TINY = {
     "experiment": "tiny",
@@ -31,3 +34,22 @@ def tiny_config():
 @pytest.fixture(scope="session")
 def tiny_run(tiny_config, tmp_path_factory):
     return train(tiny_config, run=tmp_path_factory.mktemp("runs") / "tiny", progress=False)
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory):
+    """Return a function that trains an algorithm on an id once; tests copy the folder before they change it."""
+
+    @cache
+    def make(algorithm, id):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("lidarnaut.agents.run_folder.draw_learning_curve", lambda *args: None)
+            config = tiny(algorithm, id, evaluation={"episodes": 1, "every": 1000, "references": []})
+            return config, train(config, run=tmp_path_factory.mktemp(algorithm) / "run", progress=False)
+
+    return make
+
+
+@pytest.fixture(autouse=True)
+def no_curves(no_curves):
+    """Plots of learning curves are slow."""

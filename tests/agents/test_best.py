@@ -20,7 +20,6 @@ from lidarnaut.agents.training import train
 from lidarnaut.envs.progress import Progress
 from tests.agents.test_training import changed
 
-pytestmark = pytest.mark.usefixtures("no_curves")
 SCORES = (5.0, 1.0, 9.0, 9.0, 2.0, 3.0)
 """Headline measure of the evaluations at steps 0, 128, ...: the best is at step 384, the later of two."""
 

@@ -10,7 +10,7 @@ from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from lidarnaut.agents import training
 from lidarnaut.agents.algorithms import Actor, build_model
 from lidarnaut.agents.checkpoint import load_checkpoint
-from lidarnaut.agents.config import ALGORITHMS, parse_config
+from lidarnaut.agents.config import parse_config
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.networks import ExplorerFeatures
 from lidarnaut.agents.replay import FOLDER
@@ -19,54 +19,14 @@ from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_env
 from lidarnaut.envs.core import LidarEnv, lidar_env_of
 from lidarnaut.envs.tasks.explore import Explore
+from tests.agents.tiny import CASES, WITH_BUFFER, tiny
 from tests.rollouts import rollout
 
-pytestmark = pytest.mark.usefixtures("no_curves")
 
-CHOOSING = ("PPO", "A2C", "MaskablePPO", "DQN", "QRDQN")
-"""Algorithms for discrete actions."""
-DISCRETE = ("DQN", "QRDQN", "MaskablePPO")
-WITH_BUFFER = ("SAC", "TD3", "DDPG", "DQN", "TQC", "CrossQ", "QRDQN")
-CASES = [
-    *((name, id) for name in ALGORITHMS if name not in DISCRETE for id in ("Explore", "Navigate")),
-    *((name, "ExploreFrontiers") for name in CHOOSING),
-]
-
-
-def tiny(algorithm, id, **changes):
-    """Return a training of two updates of eight steps each, with a checkpoint after each."""
-    environment = {"id": f"lidarnaut/{id}-v0", "num_workers": 0, "time_limit": 1.0}
-    environment |= {"world": "rooms", "world_size": [6, 6]}
-    if id == "Navigate":
-        environment["localizer"] = "truth"
-    hyperparameters = {"n_steps": 4} if algorithm == "A2C" else {"n_steps": 4, "batch_size": 8}
-    if algorithm in WITH_BUFFER:
-        hyperparameters = {"train_freq": 4, "gradient_steps": 2, "batch_size": 4, "learning_starts": 4}
-        hyperparameters |= {"buffer_size": 12, "policy_kwargs": {"net_arch": [8, 8]}}
-    if algorithm in ("TD3", "DDPG"):
-        hyperparameters["action_noise"] = 0.1
-    network = {"features": 8, "channels": 2, "hidden": 8}
-    if "Frontiers" in id and algorithm in ("PPO", "A2C"):
-        network = {"width": 8, "heads": 2}
-    data = {
-        "experiment": "tiny",
-        "total_steps": 16,
-        "num_envs": 2,
-        "algorithm": algorithm,
-        "environment": environment,
-        "hyperparameters": hyperparameters,
-        "network": network,
-        "evaluation": {"episodes": 1, "every": 1000},
-        "checkpoints": {"every": 8, "keep": 2},
-    }
-    return parse_config(data | changes, "tiny")
-
-
-@pytest.mark.parametrize(("algorithm", "id"), dict.fromkeys(CASES))
-def test_two_updates_go_on_alike_from_a_checkpoint_and_act(algorithm, id, tmp_path):
-    config = tiny(algorithm, id)
-    run = train(config, run=tmp_path / "run", progress=False)
-    copied = shutil.copytree(run, tmp_path / "copied")
+@pytest.mark.parametrize(("algorithm", "id"), CASES)
+def test_two_updates_go_on_alike_from_a_checkpoint_and_act(algorithm, id, trained, tmp_path):
+    config, source = trained(algorithm, id)
+    run, copied = (shutil.copytree(source, tmp_path / name) for name in ("run", "copied"))
     more = config.model_copy(update={"total_steps": 32})
     first, second = (
         load_checkpoint(find_checkpoint(train(more, resume=one, progress=False)), trust="tests")

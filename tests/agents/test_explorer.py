@@ -23,7 +23,7 @@ from lidarnaut.envs.files import parse_record
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.robots import load_robot
 from tests.agents.fake_env import BEAMS
-from tests.agents.test_every_algorithm import tiny
+from tests.agents.tiny import tiny
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_what_does_not_fit_is_reported(tiny_run, env):
         explorer(observation)
 
 
-ROOMS = {"world": "rooms", "world_size": [7, 7], "control_hz": 5.0, "target_coverage": 0.95, "num_workers": 0}
+ROOMS = {"world": "rooms", "world_size": [7, 7], "control_hz": 5.0, "num_workers": 0, "time_limit": 1.0}
 ROOMS |= {"id": "lidarnaut/Explore-v0"}
 
 

@@ -50,7 +50,7 @@ def test_a_run_that_is_not_there_is_one_line(tmp_path, capsys):
 
 
 def test_a_score_is_shipped_and_its_model_card_is_kept(tmp_path):
-    tiny = EvolutionConfig(**EVOLUTION | {"tasks": 1, "validation_tasks": 1, "generations": 1})
+    tiny = EvolutionConfig(**EVOLUTION, generations=1)
     run, folder = evolve(tiny, run=tmp_path / "run", progress=False), tmp_path / "tiny"
     folder.mkdir()
     (folder / MODEL_CARD).write_text("the card")

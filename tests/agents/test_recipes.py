@@ -15,7 +15,6 @@ from lidarnaut.envs import ENVIRONMENTS, register
 from lidarnaut.envs.files import read_mapping, read_record
 from tests.test_contract import TASKS
 
-pytestmark = pytest.mark.usefixtures("no_curves")
 REACH = "lidarnaut/ReachGoal-v0"
 
 

@@ -12,9 +12,7 @@ from lidarnaut.agents.config import TrainingConfig, parse_config
 from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.agents.run_folder import list_checkpoints
 from lidarnaut.agents.training import train
-from tests.agents.test_every_algorithm import tiny
-
-pytestmark = pytest.mark.usefixtures("no_curves")
+from tests.agents.tiny import tiny
 
 
 def reach(**changes):

@@ -94,8 +94,8 @@ def test_code_that_a_run_no_longer_names_is_trusted_on_the_command_line(tiny_dat
         ({"sigma": 0.5}, r"sigma: 0\.06, not 0\.5"),
         ({"families": ("caves",)}, r"families: \['rooms'\], not \['caves'\]"),
         ({"population": 6}, "population: 4, not 6"),
-        ({"tasks": 1}, "holds tasks: "),
-        ({"validation_tasks": 1}, "validation_tasks: "),
+        ({"tasks": 2}, "holds tasks: "),
+        ({"validation_tasks": 2}, "validation_tasks: "),
         ({"generations": 1}, "2 of generations, more than 1; keys that may .*: generations, validate_every, num_"),
     ],
 )

@@ -217,7 +217,7 @@ def test_trainings_side_by_side_count_their_time_and_draw_a_picture_for_each_tas
 
 
 def test_evolutions_are_swept_as_well(tmp_path):
-    swept = EVOLUTION | {"tasks": 1, "validation_tasks": 1, "generations": 1, "sweep": {"sigma": [0.05]}, "seeds": [3]}
+    swept = EVOLUTION | {"generations": 1, "sweep": {"sigma": [0.05]}, "seeds": [3]}
     folder = run_sweep(swept, "mem", resume=tmp_path / "sweep", progress=False)
     assert read_table(folder / "sweep.csv", "sigma", "steps") == [[0.05, 1]]
     assert all(isinstance(member.config, EvolutionConfig) for member in expand(swept, "mem", folder))

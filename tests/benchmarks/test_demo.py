@@ -11,7 +11,7 @@ from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.demo import CONFIG, RIVAL, SCENES, TRAINING, demo, describe_learning, running
 from lidarnaut.envs.files import Lock, LockedError, parse_record, read_mapping
-from tests.agents.test_every_algorithm import tiny
+from tests.agents.tiny import tiny
 
 
 @pytest.fixture
