@@ -1,7 +1,10 @@
+import contextlib
 import os
 import signal
 from collections import defaultdict
+from concurrent.futures import Future
 from importlib.util import find_spec
+from types import SimpleNamespace
 
 import pytest
 
@@ -48,3 +51,17 @@ def no_curves(monkeypatch):
     monkeypatch.setattr(
         "lidarnaut.agents.run_folder.draw_learning_curve", lambda curves, title, path, *_: path.write_bytes(b"\x89PNG")
     )
+
+
+@pytest.fixture
+def references_here(monkeypatch):
+    """Measure the reference policies of trainings in this process: workers take seconds to start."""
+    pool = SimpleNamespace(submit=lambda *_: Future())  # episodes that wait run in this process
+    monkeypatch.setattr("lidarnaut.agents.references.make_pool", lambda *_: contextlib.nullcontext(pool))
+
+
+@pytest.fixture
+def no_overview(monkeypatch):
+    """Skip the slow pictures over all worlds."""
+    for name in ("curves_section", "gallery_section", "worst_section"):
+        monkeypatch.setattr(f"lidarnaut.benchmarks.arena.overview.{name}", lambda *_: None)

@@ -102,22 +102,6 @@ def test_a_random_dock_is_not_near_if_another_is_far(min_distance, expected):
     assert found == expected
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"start_charge": ("a", "b")}, "start_charge must be"),
-        ({"start_charge": None}, "start_charge must be"),
-        ({"start_charge": (0.3, 0.1)}, "start_charge must be"),
-        ({"target_charge": "x"}, "target_charge must lie"),
-        ({"target_charge": None}, "target_charge must lie"),
-        ({"min_distance": -1.0}, "min_distance must be"),
-    ],
-)
-def test_bad_arguments_are_refused_by_name(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        LidarEnv(Dock, **WAREHOUSE, **arguments)
-
-
 def test_an_empty_battery_ends_the_episode():
     env = LidarEnv(Dock, **WAREHOUSE, start=(12.0, -10.0, 0.0), start_charge=(2e-4, 2e-4))
     env.reset(seed=0)

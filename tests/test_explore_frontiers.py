@@ -178,8 +178,10 @@ def test_nothing_left_to_reach_terminates():
     assert "map_iou" in info
 
 
-@pytest.mark.parametrize("rule", [nearest, FrontierScore()])
-@pytest.mark.parametrize("world", [{"world": "rooms", "world_size": (10.0, 10.0)}, {"world": "turtlebot3_house"}])
+@pytest.mark.parametrize(
+    ("world", "rule"),
+    [({"world": "rooms", "world_size": (10.0, 10.0)}, nearest), ({"world": "turtlebot3_house"}, FrontierScore())],
+)
 def test_simple_rules_explore_worlds(world, rule):
     env = ExploreFrontiersEnv(**world, physics="kinematic")
     *_, (_, _, _, _, info) = explore(env, 0, 2000, rule=rule)

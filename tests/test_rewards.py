@@ -94,12 +94,11 @@ def test_weights_of_shared_quantities_are_per_second_of_their_magnitude():
     assert v < 0.0
 
 
-@pytest.mark.parametrize("reward", [WEIGHTS, Smooth])
 @pytest.mark.parametrize(
-    ("id", "arguments"),
+    ("id", "arguments", "reward"),
     [
-        ("ReachGoal-v0", {**CROWD, "contact": "costs", "time_limit": 1.5}),
-        ("ExploreTeam-v0", {"physics": "kinematic", "world": "turtlebot3_world", "time_limit": 1.5}),
+        ("ReachGoal-v0", {**CROWD, "contact": "costs", "time_limit": 1.5}, Smooth),
+        ("ExploreTeam-v0", {"physics": "kinematic", "world": "turtlebot3_world", "time_limit": 1.5}, WEIGHTS),
     ],
 )
 def test_vector_environments_give_the_rewards_of_single_ones(id, arguments, reward):

@@ -272,16 +272,3 @@ def test_the_fusion_is_as_good_as_amcl_at_low_control_rates(control_hz):
     full, amcl = np.sqrt(np.mean(np.square(errors), axis=0))
     assert np.hypot(*full[:2]) < 1.15 * np.hypot(*amcl[:2])
     assert full[2] < amcl[2] + math.radians(0.05)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"map": 3}, "map must be a path"),
-        ({"map_pose": (1.0, 2.0, 0.3)}, "needs a map"),
-        ({"map_pose": "x"}, "'spawn'"),
-    ],
-)
-def test_maps_and_frames_are_checked(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        LidarEnv(Track, **{**QUICK, **arguments})

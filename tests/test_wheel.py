@@ -16,7 +16,6 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="environments have other
 ROOT = Path(__file__).parents[1]
 SOURCES = ("pyproject.toml", "PYPI.md", "MANIFEST.in", "LICENSE", "lidarnaut")
 PACKAGES = ("lidarnaut", "lidarnaut/envs", "lidarnaut/baselines", "lidarnaut/agents", "lidarnaut/benchmarks")
-COMMANDS = ("lidarnaut-train", "lidarnaut-evaluate", "lidarnaut-replay", "lidarnaut-teleop")
 
 EPISODES = """
 import gymnasium, lidarnaut
@@ -129,8 +128,7 @@ def test_the_description_leads_to_nothing_that_is_not_there(environment):
 @pytest.mark.parametrize(
     ("line", "status"),
     [
-        *((f"{command} --version 2>&1 | true", 0) for command in COMMANDS),
-        ("lidarnaut-evaluate --help 2>&1 | head -1", 0),
+        ("lidarnaut-replay --version 2>&1 | true", 0),
         ("lidarnaut-train --help | true", 0),
         ("lidarnaut-evaluate --nonsense 1 2>&1 | true", 2),
         ("lidarnaut-evaluate --help >&-", 0),

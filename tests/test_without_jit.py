@@ -28,8 +28,11 @@ CASES = {
 }
 PROGRAM = """
 import pickle, sys
+import numpy as np
+from lidarnaut.envs.slam.matching.branch_and_bound import Grid, total_at
 from tests.test_without_jit import CASES, play
-pickle.dump(play(CASES[sys.argv[1]]), open(sys.argv[2], "wb"))
+pickle.dump({name: play(cases) for name, cases in CASES.items()}, open(sys.argv[1], "wb"))
+print(total_at(np.full(4, 200, np.uint8), Grid(np.arange(4, dtype=np.int32)[None], np.array([4]), 0, 0), 0, 0))
 """
 
 
@@ -46,33 +49,20 @@ def play(cases):
     return played
 
 
-def run(program, *arguments):
+def test_environments_run_as_with_compiled_kernels_and_sums_do_not_overflow(tmp_path):
     """Warnings are errors."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[1])}
-    command = [sys.executable, "-W", "error::RuntimeWarning", "-c", program, *map(str, arguments)]
+    command = [sys.executable, "-W", "error::RuntimeWarning", "-c", PROGRAM, str(tmp_path / "played")]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_environments_run_as_with_compiled_kernels(name, tmp_path):
-    run(PROGRAM, name, tmp_path / "played")
+    assert done.stdout.split() == ["800"]
     played = pickle.loads((tmp_path / "played").read_bytes())
-    for (observation, reward), (expected, expected_reward) in zip(played, play(CASES[name]), strict=True):
-        assert reward == pytest.approx(expected_reward, abs=1e-4)
-        assert observation.keys() == expected.keys()
-        for part in expected:
-            np.testing.assert_allclose(observation[part], expected[part], atol=1e-4, err_msg=part)
-
-
-def test_sums_do_not_overflow():
-    program = """
-import numpy as np
-from lidarnaut.envs.slam.matching.branch_and_bound import Grid, total_at
-print(total_at(np.full(4, 200, np.uint8), Grid(np.arange(4, dtype=np.int32)[None], np.array([4]), 0, 0), 0, 0))
-"""
-    assert run(program).split() == ["800"]
+    for name, cases in CASES.items():
+        for (observation, reward), (expected, expected_reward) in zip(played[name], play(cases), strict=True):
+            assert reward == pytest.approx(expected_reward, abs=1e-4), name
+            assert observation.keys() == expected.keys()
+            for part in expected:
+                np.testing.assert_allclose(observation[part], expected[part], atol=1e-4, err_msg=f"{name}, {part}")
 
 
 def test_fields_of_records_are_no_attributes_of_numpy():

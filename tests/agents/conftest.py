@@ -51,5 +51,5 @@ def trained(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def no_curves(no_curves):
-    """Plots of learning curves are slow."""
+def brief(no_curves, references_here):
+    """Trainings draw no curves and start no workers for references."""

@@ -22,6 +22,11 @@ def reach(**changes):
 
 
 @pytest.fixture
+def references_here():
+    """Use workers."""
+
+
+@pytest.fixture
 def cache(monkeypatch, tmp_path):
     """Folder of cached references."""
     monkeypatch.setattr(references, "_cache_folder", lambda: tmp_path / "cache")

@@ -123,7 +123,7 @@ def train_in_a_process(folder, *arguments):
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
 
 
-def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path):
+def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path, capsys):
     """An environment kills the process by SIGKILL at its 220th step, after 880 steps of all environments."""
     config = changed(tiny_data, environment=tiny_data["environment"] | {"world": "deadly_220"}, total_steps=1280)
     (tmp_path / "deadly.yaml").write_text(dump_record(config))
@@ -139,9 +139,8 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
     killed_save = run / "checkpoints" / f".step_000000896.{platform.node()}.{dead_pid()}.tmp"
     killed_save.mkdir()
 
-    resumed = train_in_a_process(tmp_path, "--resume", str(run), "--trust", ID, "--environment.world", "rooms")
-    assert resumed.returncode == 0, resumed.stderr
-    assert str(run) in resumed.stdout
+    assert main(["--resume", str(run), "--trust", ID, "--environment.world", "rooms"]) == 0
+    assert str(run) in capsys.readouterr().out
     final = newest(run).record
     assert final.steps == 1280
     assert final.updates == 1280 // 128 * config.hyperparameters["n_epochs"]
@@ -236,6 +235,7 @@ def test_a_wrong_reference_is_named_before_the_first_evaluation(name, message, t
 def test_world_robot_reward_and_references_can_be_a_users_own(tiny_data, tmp_path, monkeypatch):
     (tmp_path / "own_parts.py").write_text((ROOT / "tests" / "own_code.py").read_text())
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
     environment = {"world": "own_parts:WORLD", "robot": "own_parts:ROBOT", "reward": "own_parts:REWARD"}
     data = tiny_data | {
         "recipe": None,
@@ -244,8 +244,7 @@ def test_world_robot_reward_and_references_can_be_a_users_own(tiny_data, tmp_pat
         "evaluation": {"episodes": 1, "references": ["own_parts:Circling", "own_parts:ahead"]},
     }
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(data))
-    done = train_in_a_process(tmp_path, "--config", "own.yaml")
-    assert done.returncode == 0, done.stderr
+    assert main(["--config", "own.yaml"]) == 0
     (run,) = (tmp_path / "runs").iterdir()
     rows = read_evaluations(run)
     assert [row["policy"] for row in rows] == ["own_parts:Circling", "own_parts:ahead", *3 * ["learned"]]

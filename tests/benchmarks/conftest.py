@@ -1,8 +1,6 @@
 import pytest
 
 
-@pytest.fixture
-def no_overview(monkeypatch):
-    """Skip the slow pictures over all worlds."""
-    for name in ("curves_section", "gallery_section", "worst_section"):
-        monkeypatch.setattr(f"lidarnaut.benchmarks.arena.overview.{name}", lambda *_: None)
+@pytest.fixture(autouse=True)
+def brief(no_curves, references_here):
+    """Trainings draw no curves and start no workers for references."""

@@ -33,7 +33,7 @@ def scenes():
     return [one._replace(settings=one.settings.model_copy(update=short)) for one in SCENES]
 
 
-def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkeypatch, config, scenes):
+def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkeypatch, config, scenes, no_overview):
     monkeypatch.setattr(
         "lidarnaut.benchmarks.demo.describe_learning", lambda rows, task: f"{task}: {len(rows)} evaluations."
     )

@@ -1,5 +1,6 @@
 import errno
 import json
+import logging
 import os
 import re
 import signal
@@ -29,11 +30,9 @@ BRIEF = ("--episodes", "2", "--physics", "kinematic", "--time-limit", "4")
 
 
 def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, no_overview):
-    options = "--episodes 2 --physics kinematic --time-limit 4 --jobs 2 --json --policies random nearest --worlds"
-    command = [sys.executable, "evaluate.py", *options.split(), WORLD, "--out", str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    summary = json.loads(done.stdout)
+    options = "--episodes 2 --physics kinematic --time-limit 4 --json --policies random nearest --worlds"
+    assert main([*options.split(), WORLD, "--out", str(tmp_path)]) == 0
+    summary = json.loads(capsys.readouterr().out)
     assert summary == json.loads((tmp_path / "summary.json").read_text())
     assert {policy: list(worlds) for policy, worlds in summary.items()} == {"random": [WORLD], "nearest": [WORLD]}
     for measures in (summary["random"][WORLD], summary["nearest"][WORLD]):
@@ -238,16 +237,13 @@ def test_an_interrupt_while_workers_start_is_one_line(tmp_path):
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("jobs", ["1", "2"])
-def test_progress_is_logged_if_asked(tmp_path, jobs):
-    options = "--episodes 1 --physics kinematic --time-limit 21 --slam truth --policies nearest random --worlds"
-    command = [sys.executable, "evaluate.py", *options.split(), WORLD, "--jobs", jobs, "--out", str(tmp_path)]
-    silent, logged = (
-        subprocess.run([*command, "--out", str(tmp_path / name), *more], cwd=ROOT, capture_output=True, text=True)
-        for name, more in (("silent", ()), ("logged", ("-v",)))
-    )
-    assert "lidarnaut." not in silent.stderr
-    lines = [line for line in logged.stderr.splitlines() if line.startswith("lidarnaut.baselines.episode: ")]
+def test_progress_is_logged_if_asked(tmp_path, capfd, monkeypatch, no_overview):
+    """Workers log as well."""
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    monkeypatch.setattr(logging.getLogger("lidarnaut"), "level", logging.WARNING)
+    options = "--episodes 1 --physics kinematic --time-limit 21 --slam truth --policies nearest random --jobs 2 -v"
+    assert main([*options.split(), "--worlds", WORLD, "--out", str(tmp_path)]) == 0
+    lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("lidarnaut.baselines.episode: ")]
     assert len([line for line in lines if "RandomExplorer, seed 0, 20 s: explored_fraction 0." in line]) == 1
     pattern = r"NearestExplorer, seed 0, 10 s: explored_fraction 0\.\d{3}, goal \[.*\], \d+ frontiers, 0 blacklisted"
     assert any(re.search(pattern, line) for line in lines)

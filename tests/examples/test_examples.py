@@ -68,7 +68,7 @@ def test_the_code_of_the_readme_learns_and_explores(capsys, tmp_path, monkeypatc
 
 @pytest.mark.parametrize("algorithm", ["PPO", "RecurrentPPO", "MaskablePPO"])
 def test_policies_are_trained_saved_and_tried(load, algorithm, tmp_path):
-    small = {"total_timesteps": 128, "num_envs": 4, "num_steps": 32, "seconds": 6.0, "num_tests": 2}
+    small = {"total_timesteps": 128, "num_envs": 4, "num_steps": 32, "seconds": 3.0, "num_tests": 1}
     explored = load("sb3_ppo").main(algorithm, **small, out=tmp_path / "policy")
     assert 0.0 < explored <= 1.0
     assert (tmp_path / "policy.zip").exists()
@@ -94,7 +94,7 @@ OWN_SHAPES = {"motion": (6,), "sectors": (8,)}
         ("own_robot", {"seconds": 20.0}, lambda explored: explored > 0.3),
         ("own_slam", {"seconds": 20.0}, lambda errors: errors["forgetful"] > 2.0 * errors["hector"]),
         ("own_reward", {"steps": 30}, lambda rewards: rewards["careful"] > 0.0),
-        ("own_algorithm", {"total_steps": 1024, "episodes": 1}, lambda policy: policy.id == "lidarnaut/ReachGoal-v0"),
+        ("own_algorithm", {"total_steps": 256, "episodes": 1}, lambda policy: policy.id == "lidarnaut/ReachGoal-v0"),
         ("own_observation", {"steps": 20}, lambda seen: {name: seen[name].shape for name in seen} == OWN_SHAPES),
     ],
 )

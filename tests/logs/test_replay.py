@@ -1,7 +1,7 @@
 import dataclasses
 import json
 import math
-import subprocess
+import runpy
 import sys
 import types
 from pathlib import Path
@@ -251,13 +251,16 @@ def test_options_that_make_no_sense_are_named(log, options, complaint):
 
 
 @pytest.mark.parametrize(("name", "says"), [("none.bag", "no log at {}\n"), ("cut.npz", "{}: ")])
-def test_errors_are_one_line(name, says, tmp_path):
+@pytest.mark.filterwarnings("ignore:.*found in sys.modules")
+def test_errors_are_one_line(name, says, tmp_path, monkeypatch, capsys):
     (tmp_path / "cut.npz").write_bytes(b"PK")
-    command = [sys.executable, "-m", "lidarnaut.envs.logs.replay", str(tmp_path / name)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert done.stderr.startswith(f"lidarnaut.envs.logs.replay: {says.format(tmp_path / name)}")
-    assert done.stderr.count("\n") == 1
+    monkeypatch.setattr(sys, "argv", ["replay", str(tmp_path / name)])
+    with pytest.raises(SystemExit) as stop:
+        runpy.run_module("lidarnaut.envs.logs.replay", run_name="__main__", alter_sys=True)
+    assert stop.value.code == 1
+    said = capsys.readouterr().err
+    assert said.partition(": ")[2].startswith(says.format(tmp_path / name))
+    assert said.count("\n") == 1
 
 
 def test_a_map_that_outgrows_the_memory_names_the_log(tmp_path):

@@ -91,8 +91,7 @@ def test_goals_behind_walls_in_them_in_unknown_space_and_off_the_map_have_no_pat
     assert navigator.end_reason == "no_path"
 
 
-@pytest.mark.parametrize("size", [0.2, 0.5, 1.0])
-@pytest.mark.parametrize("planner", ["rpp", "dwb", "mppi"])
+@pytest.mark.parametrize(("planner", "size"), [("rpp", 1.0), ("dwb", 0.2), ("mppi", 0.5)])
 def test_a_robot_that_starts_in_an_obstacle_of_the_map_drives_out_where_the_scan_is_free(size, planner):
     x, y = -2.0, -0.5
     first = LidarEnv(Navigate, **TRUE, start=(x, y, 0.0), goal=(-0.5, 0.5, 0.0))

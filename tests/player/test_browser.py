@@ -1,3 +1,4 @@
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -71,10 +72,22 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (784, 736)], ids=["window", "frame of the site"])
-@pytest.mark.parametrize("name", ["mapped", "bare", "both", "crowd"])
-def test_a_page_fits_its_window_and_nothing_covers_the_plots(folder, name, size):
-    answer = visit(folder, HARNESS, f"page={name}.html&width={size[0]}&height={size[1]}&brief=1")
+WINDOW, FRAME = (1280, 800), (784, 736)
+"""Width and height of a window, and of the frame on the site."""
+
+
+@pytest.fixture(scope="module")
+def visited(folder):
+    return cache(
+        lambda name, size: visit(folder, HARNESS, f"page={name}.html&width={size[0]}&height={size[1]}&brief=1")
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("mapped", WINDOW), ("mapped", FRAME), ("bare", WINDOW), ("both", FRAME), ("crowd", FRAME)]
+)
+def test_a_page_fits_its_window_and_nothing_covers_the_plots(visited, name, size):
+    answer = visited(name, size)
     assert answer["errors"] == []
     layout = answer["layout"]
     assert layout["scrolled"] <= 0
@@ -84,10 +97,8 @@ def test_a_page_fits_its_window_and_nothing_covers_the_plots(folder, name, size)
     assert all(min(panel["width"], panel["height"]) > 120 for panel in layout["panels"])
 
 
-def test_only_what_a_recording_has_is_shown(folder):
-    mapped, bare = (
-        visit(folder, HARNESS, f"page={name}.html&width=1280&brief=1")["layout"] for name in ("mapped", "bare")
-    )
+def test_only_what_a_recording_has_is_shown(visited):
+    mapped, bare = (visited(name, WINDOW)["layout"] for name in ("mapped", "bare"))
     assert mapped["legend"] == [
         *("true path", "scan", "person or other robot", "estimated path", "frontier", "candidate"),
         *("chosen candidate", "plan", "tracked person", "contact"),

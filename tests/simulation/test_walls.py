@@ -87,8 +87,19 @@ def test_a_wall_of_many_pieces_is_smooth(physics, name):
         assert theta == pytest.approx(0.25, abs=0.05)
 
 
-@pytest.mark.parametrize(("world", "wall"), [(WALLED, WALL), (load_world("explorebench_loop"), 9.925)])
-@pytest.mark.parametrize("name", ["turtlebot3_burger", "turtlebot3_waffle_pi", "raspimouse", "mpo_500", "create3"])
+THICK = load_world("explorebench_loop"), 9.925
+
+
+@pytest.mark.parametrize(
+    ("name", "world", "wall"),
+    [
+        ("turtlebot3_burger", WALLED, WALL),
+        ("turtlebot3_waffle_pi", *THICK),
+        ("raspimouse", WALLED, WALL),
+        ("mpo_500", WALLED, WALL),
+        ("create3", *THICK),
+    ],
+)
 def test_a_robot_that_a_wall_keeps_from_turning_is_no_faster_than_it_can_drive(physics, name, world, wall):
     """Against a wall at all angles, forward and backward, while turning either way."""
     robot = load_robot(name)

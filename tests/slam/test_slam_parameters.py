@@ -22,6 +22,7 @@ from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.tasks.track import Track
 from lidarnaut.evaluate_command import main as evaluate
+from tests.test_contract import TASKS
 
 LIDAR = load_robot("turtlebot3_burger").lidar
 
@@ -99,7 +100,7 @@ def test_every_task_takes_parameters() -> None:
         assert [robot.estimator.params.num_levels for robot in env.robots] == [2] * max(1, len(env.robots))  # type: ignore[attr-defined]
     maps = []
     for slam in ("tinyslam", "tinyslam?max_range=1.0"):
-        env = LidarEnv(Track, slam=slam, physics="kinematic")
+        env = LidarEnv(Track, **TASKS["Track"] | {"slam": slam})
         env.reset(seed=0)
         maps.append(np.count_nonzero(env.belief.grid.data >= 0))
     assert maps[1] < 0.8 * maps[0]
@@ -112,7 +113,7 @@ def test_registered_environments_take_parameters() -> None:
     assert env.unwrapped.robots[0].estimator.params.uses_odometry is False  # type: ignore[attr-defined]
 
 
-def test_evaluations_take_parameters_and_resume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_evaluations_take_parameters_and_resume(tmp_path: Path, no_overview: None) -> None:
     slams = ["--slam", SPEC, "graph?preset=cartographer"]
     options = ["--policies", "random", "--worlds", ROOM, *slams, "--episodes", "1", "--time-limit", "3"]
     for _ in range(2):
@@ -133,10 +134,11 @@ def test_drives_and_replays_take_parameters(tmp_path: Path) -> None:
     assert (tmp_path / "out").is_dir()
 
 
-def test_trainings_take_parameters(tmp_path: Path) -> None:
+def test_trainings_take_parameters(tmp_path: Path, no_curves: None, references_here: None) -> None:
     environment = {"world": ROOM, "physics": "kinematic", "slam": SPEC, "control_hz": 5, "time_limit": 5}
     hyperparameters = {"n_steps": 16, "batch_size": 32, "n_epochs": 1}
     data = {"experiment": "spec", "algorithm": "PPO", "total_steps": 32, "num_envs": 2, "environment": environment}
+    data |= {"evaluation": {"episodes": 1, "references": []}}
     config = parse_record({**data, "hyperparameters": hyperparameters}, "spec", TrainingConfig)
     run = train(config, run=tmp_path / "run", progress=False)
     assert f"slam: {SPEC}" in (run / "config.yaml").read_text()
