@@ -15,7 +15,7 @@ from lidarnaut.envs.ids import arguments_of
 from tests.agents.tiny import tiny
 from tests.test_contract import TASKS
 
-pytestmark = pytest.mark.usefixtures("no_curves", "references_here", "no_overview")
+pytestmark = pytest.mark.usefixtures("no_curves", "no_workers", "no_overview")
 
 CLASSIC = {
     "Navigate": "pursuit",

@@ -51,5 +51,5 @@ def trained(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def brief(no_curves, references_here):
-    """Trainings draw no curves and start no workers for references."""
+def brief(no_curves, no_workers):
+    """Trainings draw no curves and start no workers."""

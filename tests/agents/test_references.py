@@ -22,7 +22,7 @@ def reach(**changes):
 
 
 @pytest.fixture
-def references_here():
+def no_workers():
     """Use workers."""
 
 

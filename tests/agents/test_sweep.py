@@ -113,7 +113,7 @@ def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(data, tmp_path, 
         good = good or (folder / "001_kind=good__0" / "processor_time").read_text()
         command = ["--resume", str(folder), "--trust", "bugs", "tests"]
     (tmp_path / "bug").write_text("")
-    assert train.main(command) == 0
+    assert train.main([*command, "--jobs", "2"]) == 0
     assert (folder / "000_kind=bad__0" / "checkpoints" / "step_000000128").is_dir()
     assert (folder / "001_kind=good__0" / "processor_time").read_text() == good
     assert not kept.exists()
@@ -207,9 +207,9 @@ def test_tasks_bring_settings_of_their_own_and_some_algorithms_fit_some_of_them(
     assert [bool(one.config.evaluation.references) for one in members] == [True, False, False, False, True, False]
 
 
-def test_trainings_side_by_side_count_their_time_and_draw_a_picture_for_each_task(data, tmp_path):
+def test_trainings_count_their_time_and_a_sweep_draws_a_picture_for_each_task(data, tmp_path):
     data |= {"sweep": {"task": {"one": {}, "two": {"environment": {"time_limit": 2.0}}}}, "seeds": [0]}
-    folder = run_sweep(data, "mem", resume=tmp_path / "sweep", jobs=2, progress=False)
+    folder = run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)
     assert {path.stem for path in folder.glob("*.png")} == {"one", "two"}
     table = read_table(folder / "sweep.csv", "steps", "processor_time")
     assert [steps for steps, _ in table] == [128, 128]

@@ -2,5 +2,5 @@ import pytest
 
 
 @pytest.fixture(autouse=True)
-def brief(no_curves, references_here):
-    """Trainings draw no curves and start no workers for references."""
+def brief(no_curves, no_workers):
+    """Trainings draw no curves and start no workers."""

@@ -2,5 +2,5 @@ import pytest
 
 
 @pytest.fixture(autouse=True)
-def brief(no_curves, references_here, no_overview):
-    """Trainings and evaluations draw no curves and overviews, and start no workers for references."""
+def brief(no_curves, no_workers, no_overview):
+    """Trainings and evaluations draw no curves and overviews, and start no workers."""

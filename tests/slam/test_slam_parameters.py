@@ -134,7 +134,7 @@ def test_drives_and_replays_take_parameters(tmp_path: Path) -> None:
     assert (tmp_path / "out").is_dir()
 
 
-def test_trainings_take_parameters(tmp_path: Path, no_curves: None, references_here: None) -> None:
+def test_trainings_take_parameters(tmp_path: Path, no_curves: None, no_workers: None) -> None:
     environment = {"world": ROOM, "physics": "kinematic", "slam": SPEC, "control_hz": 5, "time_limit": 5}
     hyperparameters = {"n_steps": 16, "batch_size": 32, "n_epochs": 1}
     data = {"experiment": "spec", "algorithm": "PPO", "total_steps": 32, "num_envs": 2, "environment": environment}
