@@ -12,7 +12,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import ClipAction, FlattenObservation, NormalizeReward, TimeLimit
 from gymnasium.wrappers.vector import NormalizeReward as NormalizeRewards
-from gymnasium.wrappers.vector import RecordEpisodeStatistics, RecordVideo
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
@@ -299,16 +299,6 @@ def test_gymnasiums_vector_wrappers_work():
         lengths += info["episode"]["l"][info["_episode"]].tolist() if "episode" in info else []
     assert lengths == [15] * 4
     env.close()
-
-
-def test_videos_are_recorded(tmp_path):
-    pytest.importorskip("moviepy")
-    env = RecordVideo(explore_envs(2, render_mode="rgb_array", **QUICK), str(tmp_path), video_length=4)
-    env.reset(seed=0)
-    for action in actions_of(env, 6):
-        env.step(action)
-    env.close()
-    assert list(tmp_path.glob("*.mp4"))
 
 
 @pytest.mark.parametrize("how", [{"num_workers": 0}, {"num_workers": 2, "env_wrappers": [FlattenObservation]}])

@@ -45,6 +45,8 @@ def test_a_recipe_says_what_it_takes_and_trains_two_updates(name, tmp_path, monk
     assert not recipe.keys() & {"experiment", "seed", "recipe"}
     assert "minutes on two cores" in RECIPES[name].read_text().partition("total_steps")[0]
     environment = {"id": f"lidarnaut/{name}", "num_workers": 0, "time_limit": 2.0}
+    if "num_worlds" in recipe.get("environment", {}):
+        environment["num_worlds"] = 4
     if name == "Track-v0":
         environment |= {key: TASKS["Track"][key] for key in ("world", "robot", "path", "map_resolution")}
     data = {
