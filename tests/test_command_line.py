@@ -1,5 +1,6 @@
 import io
 import os
+import re
 import runpy
 import subprocess
 import sys
@@ -116,6 +117,15 @@ def test_commands_end_with_a_message(run, program, arguments, says, capsys, monk
         run(program, run_name="__main__", **({"alter_sys": True} if run is runpy.run_module else {}))
     assert stop.value.code == 2
     assert says in " ".join("".join(capsys.readouterr()).split())
+
+
+def test_commands_print_their_version(capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["/somewhere/bin/lidarnaut-evaluate"])
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    with pytest.raises(SystemExit) as stop:
+        evaluate.main(["--version"])
+    assert not stop.value.code
+    assert re.fullmatch(r"lidarnaut-evaluate \d+\.\d+[\w.]*\n", capsys.readouterr().out)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="runs in bash")

@@ -128,7 +128,6 @@ def test_the_description_leads_to_nothing_that_is_not_there(environment):
 @pytest.mark.parametrize(
     ("line", "status"),
     [
-        ("lidarnaut-replay --version 2>&1 | true", 0),
         ("lidarnaut-train --help | true", 0),
         ("lidarnaut-evaluate --nonsense 1 2>&1 | true", 2),
         ("lidarnaut-evaluate --help >&-", 0),
@@ -141,11 +140,6 @@ def test_commands_whose_output_nobody_reads_end_quietly_with_their_usual_status(
     done = subprocess.run(bash, cwd=tmp_path, env=variables, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (status, "")
     assert "Traceback" not in done.stdout
-
-
-def test_commands_print_their_version(environment, tmp_path):
-    said = run_in(environment[0], tmp_path, "lidarnaut-evaluate", "--version")
-    assert re.fullmatch(r"lidarnaut-evaluate \d+\.\d+[\w.]*\n", said)
 
 
 def test_the_wheel_brings_commands_and_the_configurations_that_they_name(environment, tmp_path):
