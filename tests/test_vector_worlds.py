@@ -217,6 +217,8 @@ for end in ("sys.exit()", "v.self = v; del v; gc.collect()", "v.close()"):
             v.step(v.action_space.sample())
         except RuntimeError as error:
             assert "belong to the process that forked" in str(error)
+        else:
+            raise AssertionError("the workers have taken a step")
         assert multiprocessing.active_children() == [other]  # as without workers
         multiprocessing.process._children.clear()
         exec(end)
