@@ -56,16 +56,3 @@ def test_who_is_stopped_can_still_turn():
     commands = np.array([[2.0, 1.5], [2.0, 1.5]])
     CollisionMonitor(robot, 0.1).slow_down(commands, ranges, np.array([True, False]))
     np.testing.assert_allclose(commands, [[0.0, 1.5], [2.0, 1.5]], atol=1e-9)
-
-
-def test_environments_that_are_stepped_together_slow_down_as_alone():
-    arguments = {**CLUTTER, "robot": "jackal", "physics": "kinematic", "collision_monitor": True}
-    alone, together = gymnasium.make(**arguments), gymnasium.make_vec(num_envs=2, **arguments)
-    alone.reset(seed=3)
-    together.reset(seed=3)
-    for _ in range(100):
-        observation, reward, *_ = alone.step(np.array([1.0, 0.1], dtype=np.float32))
-        seen, rewards, *_ = together.step(np.full((2, 2), (1.0, 0.1), dtype=np.float32))
-        assert reward == rewards[0]
-        assert all(np.array_equal(part, seen[name][0]) for name, part in observation.items())
-        assert list(observation) == list(seen)

@@ -118,26 +118,6 @@ def test_the_policy_of_the_package_was_trained_by_the_recipe():
     assert record.config.network.items() >= config.network.items()
 
 
-def test_who_runs_a_policy_sees_what_its_evaluations_see(tmp_path):
-    """The carrot on the true path, available in training, is missing elsewhere."""
-    parts = {name: {"goal": None, "carrot": {"path": name}} for name in ("shortest", "plan")}
-    reach = {"world": "hall", "world_size": [6, 6], "robot": "jackal", "time_limit": 3.0, "num_workers": 0}
-    reach |= {"id": "lidarnaut/ReachGoal-v0", "observations": parts["shortest"]}
-    evaluation = {
-        "every": 16,
-        "episodes": 2,
-        "references": [],
-        "environment": {"observations": parts["plan"], "world": "hall"},
-    }
-    config = tiny("PPO", "Explore", environment=reach, evaluation=evaluation)
-    policy = LearnedPolicy.load(train(config, run=tmp_path / "run", progress=False), trust="tests")
-    assert policy.observations == parts["plan"]
-    env = gymnasium.make(reach["id"], observations=policy.observations, world="hall", robot="jackal")
-    policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))
-    assert env.action_space.contains(policy(env.reset(seed=0)[0]))
-    env.close()
-
-
 @pytest.mark.parametrize("path", ["shortest", "plan"])
 def test_a_policy_that_is_measured_with_ground_truth_is_marked_in_its_run_and_in_evaluations(tmp_path, path):
     parts = {name: {"goal": None, "carrot": {"path": name}} for name in ("shortest", "plan")}
@@ -156,6 +136,13 @@ def test_a_policy_that_is_measured_with_ground_truth_is_marked_in_its_run_and_in
     evaluated = Evaluation(settings, tmp_path / "out", trust=["tests.own_code"])
     assert evaluated.run() == []
     assert [row["policy"] for row in evaluated.rows()] == [f"ppo:{run}{mark}", f"mine{mark}"]
+    # Users of the policy see what its evaluations see: the true path may be missing there.
+    policy = LearnedPolicy.load(run, trust="tests")
+    assert policy.observations == parts[path]
+    env = gymnasium.make(reach["id"], observations=policy.observations, world="hall", robot="jackal")
+    policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))
+    assert env.action_space.contains(policy(env.reset(seed=0)[0]))
+    env.close()
 
 
 class Position:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 import torch
-import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from lidarnaut.agents.algorithms import num_updates
@@ -18,7 +17,6 @@ from lidarnaut.agents.curves import curve_of, read_evaluations
 from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, write_evaluations
 from lidarnaut.agents.training import train
-from lidarnaut.agents.vec_env import make_env
 from lidarnaut.envs.files import Lock, LockedError, dump_record, parse_record, read_record
 from lidarnaut.train_command import main
 from tests.agents.fake_env import ID
@@ -230,25 +228,3 @@ def test_a_wrong_reference_is_named_before_the_first_evaluation(name, message, t
     with pytest.raises((ValueError, AttributeError), match=message):
         train(config, run=tmp_path / "run", progress=False)
     assert not (tmp_path / "run").exists()
-
-
-def test_world_robot_reward_and_references_can_be_a_users_own(tiny_data, tmp_path, monkeypatch):
-    (tmp_path / "own_parts.py").write_text((ROOT / "tests" / "own_code.py").read_text())
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    environment = {"world": "own_parts:WORLD", "robot": "own_parts:ROBOT", "reward": "own_parts:REWARD"}
-    data = tiny_data | {
-        "recipe": None,
-        "total_steps": 128,
-        "environment": environment | {"control_hz": 5, "time_limit": 2},
-        "evaluation": {"episodes": 1, "references": ["own_parts:Circling", "own_parts:ahead"]},
-    }
-    (tmp_path / "own.yaml").write_text(yaml.safe_dump(data))
-    assert main(["--config", "own.yaml"]) == 0
-    (run,) = (tmp_path / "runs").iterdir()
-    rows = read_evaluations(run)
-    assert [row["policy"] for row in rows] == ["own_parts:Circling", "own_parts:ahead", *3 * ["learned"]]
-    assert all(row["path_length"] > 0.2 for row in rows[:2])
-    env = make_env(read_record(run / "config.yaml", TrainingConfig).environment, "test")
-    assert (env.unwrapped.robot.name, env.unwrapped.task.rewards.weights["collision"]) == ("my_mouse", -5.0)
-    sys.modules.pop("own_parts")

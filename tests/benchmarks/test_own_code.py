@@ -92,13 +92,6 @@ def test_the_observation_of_the_environment_marks_those_that_look_at_it(own_fold
     assert marked == {"own_explorers:shown (ground truth)"}
 
 
-def test_worlds_robots_and_slams_of_a_users_module_are_taken(own_folder, no_overview):
-    own = ["--worlds", "home=own_explorers:WORLD", "--robot", "own_explorers:ROBOT", "--slam", "own_explorers:my_slam"]
-    assert main([*BRIEF, "--policies", "nearest", *own, "--no-world-sections", "--out", str(own_folder / "out")]) == 0
-    (row,) = read_rows(own_folder / "out")
-    assert (row["world"], row["robot"], row["slam"]) == ("home", "my_mouse", "own_explorers:my_slam")
-
-
 def test_the_objects_themselves_can_be_given_in_python(tmp_path):
     given = {
         **{"circling": own_code.Circling, "model": own_code.Model(), "frontier_0": own_code.first_frontier},

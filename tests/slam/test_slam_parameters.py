@@ -61,19 +61,6 @@ ROOM = "turtlebot3_world"
 SPEC = "hector?preset=faithful,num_levels=2"
 
 
-def test_sub_environments_of_vectors_take_parameters() -> None:
-    settings: dict[str, Any] = {"world": ROOM, "slam": "graph?preset=cartographer,max_range=1.5", "start": "spawn"}
-    vector = gymnasium.make_vec("lidarnaut/Explore-v0", num_envs=2, physics="kinematic", **settings)
-    alone = gymnasium.make("lidarnaut/Explore-v0", physics="kinematic", **settings)
-    vector.reset(seed=3)
-    alone.reset(seed=4)
-    for _ in range(40):
-        *_, infos = vector.step(np.array([[0.8, 0.4]] * 2, dtype=np.float32))
-        *_, info = alone.step(np.array([0.8, 0.4], dtype=np.float32))
-    assert infos["explored_area"][1] == info["explored_area"] < 8.0
-    np.testing.assert_array_equal(infos["pose_error"][1], info["pose_error"])
-
-
 @pytest.mark.parametrize("slam", ["odometry", "tinyslam", "hector", "graph", "gmapping"])
 def test_readings_beyond_the_maximum_range_are_no_walls(slam: str) -> None:
     near, far = (make_slam(f"{slam}?max_range={limit}", LIDAR) for limit in (2.0, 9.0))
