@@ -154,12 +154,3 @@ class Unread(Circling):
 class NanReward(Rewards):
     def terms(self, quantities):
         return {"half": quantities["time"] * np.nan}
-
-
-class CautiousReward(Rewards):
-    """Reward with ten times the weight of contacts."""
-
-    changes = {"collision": -5.0}
-
-
-REWARD = CautiousReward
