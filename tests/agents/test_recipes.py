@@ -54,7 +54,7 @@ def test_a_recipe_says_what_it_takes_and_trains_two_updates(name, tmp_path, monk
         "num_envs": 4,
         "total_steps": 32,
         "hyperparameters": {"n_steps": 4, "batch_size": 8},
-        "evaluation": {"episodes": 1, "references": []},
+        "evaluation": {"episodes": 1, "test_episodes": 1, "references": []},
         "checkpoints": {"every": 16},
     }
     run = train(data, progress=False)

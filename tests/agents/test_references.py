@@ -2,6 +2,7 @@ import json
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -57,7 +58,8 @@ def test_a_second_training_measures_nothing_and_gives_the_same(cache, tmp_path, 
         assert (rows_of(other), checkpoints_of(other)) == (rows_of(first), checkpoints_of(first))
 
 
-def test_a_damaged_cache_is_ignored(cache, tmp_path):
+def test_a_damaged_cache_is_ignored(cache, tmp_path, monkeypatch):
+    monkeypatch.setattr(references, "make_pool", lambda *_: ThreadPoolExecutor(1))
     config = reach()
     with_one = config.evaluation.model_copy(update={"references": ("random",), "test_episodes": 1})
     config = config.model_copy(update={"evaluation": with_one})
