@@ -28,7 +28,7 @@ world, such as `ExploreHouse-v0`, has the recipe of `Explore-v0`.
 made from the files and from their runs:
 
 ```sh
-python -m lidarnaut.benchmarks.recipes --ids ReachCrowd-v0 --jobs 2    # without --ids: all; finished runs are kept
+python -m lidarnaut.benchmarks.recipes --ids ReachCrowd-v0 --jobs 2 --test-episodes 300   # without --ids: all; finished runs are kept
 ```
 
 Curves are means over seeds in validation episodes, with 95 % bootstrap intervals over seeds and episodes. Tables show
@@ -45,6 +45,7 @@ def main(
     out: Path = Path("runs/recipes"),
     docs: Path = Path("docs/results"),
     train: bool = True,
+    test_episodes: Count | None = None,
 ) -> None:
     """Train recipes, measure their best and last checkpoints, and write `recipes.md` and a JSON file per id.
 
@@ -55,6 +56,7 @@ def main(
         out: folder of the runs. Unfinished runs go on.
         docs: output folder.
         train: whether to train; otherwise, only write results of finished trainings.
+        test_episodes: number of test episodes; by default that of the recipe. More take longer, and narrow intervals.
 
     Raises:
         ValueError: if a recipe is unknown, or trainings fail.
@@ -65,6 +67,7 @@ def main(
     for name in RECIPES:
         data: dict[str, Any] = {"experiment": name, "environment": {"id": f"lidarnaut/{name}"}}
         data["seeds"] = list(range(seeds))
+        data |= {"evaluation": {"test_episodes": test_episodes}} if test_episodes else {}
         if train and name in (ids or RECIPES):
             run_sweep(data, name, resume=out / name, jobs=jobs)
         members = expand(data, name, out / name)
