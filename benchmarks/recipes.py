@@ -28,7 +28,8 @@ world, such as `ExploreHouse-v0`, has the recipe of `Explore-v0`.
 made from the files and from their runs:
 
 ```sh
-python -m lidarnaut.benchmarks.recipes --ids ReachCrowd-v0 --jobs 2 --test-episodes 300   # without --ids: all; finished runs are kept
+python -m lidarnaut.benchmarks.recipes --jobs 2             # all; finished runs are kept
+python -m lidarnaut.benchmarks.recipes --ids ReachCrowd-v0 --test-episodes 300
 ```
 
 Curves are means over seeds in validation episodes, with 95 % bootstrap intervals over seeds and episodes. Tables show
