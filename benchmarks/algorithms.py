@@ -146,7 +146,8 @@ def draw_task(task: TaskResults) -> Picture:
         axes.plot(task.steps[name] / 1000, middle, color=color, marker=".", label=f"{name}, {task.times[name]:.0f} s")
     references = sorted(task.references.items(), key=lambda item: item[0] == RANDOM)
     for dash, (name, scores) in zip(cycle(DASHES), references):
-        axes.autoscale(name != RANDOM)  # `random` is far below the others
+        if name == RANDOM:  # far below the others
+            axes.set_ylim(axes.get_ylim())
         level = scores.mean() * scale
         color = MUTED if name == RANDOM else INK
         axes.axhline(level, color=color, linestyle=dash, linewidth=1.2, label=f"{name}, {level:.1f}")
