@@ -89,6 +89,8 @@ class Options:
     scan_topic: str = "/scan"
     odom_topic: str = "/odom"
     """Topic of the odometry: Odometry messages, or `/tf`."""
+    imu_topic: str | None = None
+    """Topic of an IMU (sensor_msgs/Imu) whose yaw rate replaces the turns of odometry, such as `/imu`."""
     cmd_vel_topic: str = "/cmd_vel"
     map_frame: str = "map"
     odom_frame: str = "odom"
@@ -147,6 +149,7 @@ class Session:
         else:
             pose = "unknown" if o.initial_pose is None else o.initial_pose
             id, arguments = "lidarnaut/Navigate-v0", arguments | {"map": o.map, "initial_pose": pose}
+        arguments["gyro"] = o.imu_topic is not None
         hz = getattr(policy, "control_hz", None) or o.control_hz
         driver = Driver(policy, robot, id=id, control_hz=hz, **arguments)
         if o.goal is not None:
@@ -174,6 +177,8 @@ class Session:
             bridge.subscribe(o.odom_topic, "tf2_msgs/msg/TFMessage", self._on_tf)
         else:
             bridge.subscribe(o.odom_topic, "nav_msgs/msg/Odometry", self._on_odometry)
+        if o.imu_topic is not None:
+            bridge.subscribe(o.imu_topic, "sensor_msgs/msg/Imu", self._on_imu)
         bridge.subscribe("/goal_pose", "geometry_msgs/msg/PoseStamped", self._on_goal)
         bridge.subscribe("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", self._on_initial_pose)
         if o.dead_man is not None:
@@ -211,6 +216,11 @@ class Session:
         with self._lock:
             if self.driver is not None:
                 self.driver.odometry((position.x, position.y, yaw_of(rotation)), time)
+
+    def _on_imu(self, message: Any) -> None:
+        with self._lock:
+            if self.driver is not None:
+                self.driver.imu(message.angular_velocity.z, seconds(message.header.stamp))
 
     def _on_scan(self, message: Any) -> None:
         stamp, frame = seconds(message.header.stamp), frame_name(message.header.frame_id)

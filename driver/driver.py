@@ -63,6 +63,7 @@ class Driver:
         control_hz: float | None = None,
         timeout: float = 1.0,
         odometry_scales: tuple[float, float] = (1.0, 1.0),
+        gyro: bool = False,
         seed: int = 0,
         **arguments: Any,
     ) -> None:
@@ -77,6 +78,7 @@ class Driver:
             control_hz: rate of `command` [Hz]; default: that of the policy's training, otherwise 10.
             timeout: maximum age of the last used scan; beyond, the robot stops [s].
             odometry_scales: factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a drive.
+            gyro: whether yaw rates of `imu` replace the turns of odometry. With encoders, the robot YAML says so.
             seed: seed of estimator and policy.
             arguments: arguments of the environment, such as `slam` and `map`. By default, `observations` and
                 `collision_monitor` are those of the policy's training, and `track_people` is True.
@@ -102,7 +104,7 @@ class Driver:
         robot = load_robot(robot)
         if motion == "odometry":
             counts = 2.0 * math.pi * robot.odometry.wheel_radius / TICK
-            robot = replace(robot, odometry=replace(robot.odometry, ticks_per_rev=counts, uses_gyro=False))
+            robot = replace(robot, odometry=replace(robot.odometry, ticks_per_rev=counts, uses_gyro=gyro))
         arguments = {"track_people": True, **needed_arguments(policy), **arguments}
         self.env = LidarEnv(task_of(id), robot=robot, physics=Measurements, control_hz=control_hz, **arguments)
         """Environment without a simulator, for recordings and pictures."""
@@ -115,7 +117,7 @@ class Driver:
         self._decide: Decide | None = None
         self._scans, self._motion, self._rates = (deque[tuple[float, Any]]() for _ in range(3))
         self._newest: dict[str, float] = {}
-        self._fault = ""
+        self._fault, self._ticks = "", (0, 0)
         self._uses_encoders, self._touched = motion == "encoders", False
         self._stamp, self._scan_stamp, self._offset, self._time = -math.inf, -math.inf, 0.0, 0.0
         self._pose, self._wheels, self._commands = np.zeros(3), np.zeros(2), [STOP]
@@ -153,7 +155,7 @@ class Driver:
         self._receive(kind, self._motion, stamp, content)
 
     def imu(self, yaw_rate: float, stamp: float) -> None:
-        """Receive a yaw rate [rad/s]; used with encoders, by robots whose odometry uses the gyroscope."""
+        """Receive a yaw rate [rad/s], for robots whose odometry uses the gyroscope; without, wheels give the turn."""
         self._receive("imu", self._rates, stamp, np.array(yaw_rate, dtype=np.float64))
 
     def bumper(self, touched: bool) -> None:
@@ -272,8 +274,11 @@ class Driver:
         ticks = self._counts(times, content, is_first)
         rates = [rate for time, rate in self._rates if time <= stamp]
         yaw_rate = float(np.mean(rates)) if rates else 0.0
+        if not (rates or is_first):
+            (left, right), odometry = np.subtract(ticks, self._ticks), self.robot.odometry
+            yaw_rate = float((right - left) * odometry.metres_per_tick / odometry.track / (stamp - self._stamp))
         self.env.simulator.sample = Sample(self._time, ranges, ticks, yaw_rate, self._touched)  # type: ignore[attr-defined]
-        self._stamp, self._touched, self._fault = stamp, False, ""
+        self._stamp, self._touched, self._fault, self._ticks = stamp, False, "", ticks
         self._rates = deque(each for each in self._rates if each[0] > stamp)
         if is_first:
             rng = np.random.default_rng([self._seed, 1])

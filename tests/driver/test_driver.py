@@ -237,6 +237,26 @@ def test_a_slow_robot_may_be_pushed_by_hand():
     assert driver.belief.pose.theta == pytest.approx(wrap_angle(4.0), abs=1e-3)
 
 
+@pytest.mark.parametrize("rate", [None, 0.5])
+@pytest.mark.parametrize("motion", ["odometry", "encoders"])
+def test_a_gyroscope_replaces_the_turns_of_the_wheels(motion, rate):
+    robot, ranges = load_robot(BURGER), np.full(360, 1.0)
+    robot = dataclasses.replace(robot, odometry=dataclasses.replace(robot.odometry, uses_gyro=True))
+    driver = Driver(make_explorer("pursuit"), robot, motion=motion, gyro=True, slam="odometry")
+    turn = 0.1 * robot.odometry.track / robot.odometry.metres_per_tick / 2
+    for k in range(31):
+        if motion == "encoders":
+            driver.encoders(-round(k * turn), round(k * turn), 0.1 * k)
+        else:
+            driver.odometry((0.0, 0.0, 0.1 * k), 0.1 * k)
+        if rate is not None:
+            driver.imu(rate, 0.1 * k)
+        driver.scan(ranges, 0.1 * k)
+        driver.command(0.1 * k)
+    turned = wrap_angle(3.0) if rate is None else 3.0 * rate
+    assert driver.belief.pose.theta == pytest.approx(turned, abs=0.08)
+
+
 def test_goals_are_reached_one_after_the_other():
     driver = Driver(controller("pursuit"), BURGER, id="lidarnaut/ReachGoal-v0", slam="hector")
     messages = loop_with(driver)

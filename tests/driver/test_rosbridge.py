@@ -62,7 +62,7 @@ def error_of(server, session):
     return math.hypot(x - server.robot.pose.x, y - server.robot.pose.y)
 
 
-@pytest.mark.parametrize("options", [{}, {"lidar_from_messages": True}])
+@pytest.mark.parametrize("options", [{}, {"lidar_from_messages": True, "imu_topic": "/imu"}])
 def test_a_simulated_robot_is_driven_over_the_network(broker, options):
     with running(broker, options) as (server, session):
         begin = server.robot.time
