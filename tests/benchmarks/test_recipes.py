@@ -32,7 +32,7 @@ def small(tmp_path, monkeypatch):
 def test_the_page_has_curves_results_and_classic_policies_of_each_recipe(small, monkeypatch):
     out, docs = small / "runs", small / "docs"
     docs.mkdir()
-    main(("ReachGoal-v0",), seeds=2, out=out, docs=docs)
+    main(("ReachGoal-v0",), seeds=2, out=out, docs=docs, test_episodes=3)
     page = (docs / "recipes.md").read_text()
     goal, house = page.split("## ReachGoal-v0")[1].split("## ReachHouse-v0")
     assert "Goals in a hall. 2 s on two cores." in goal
@@ -45,11 +45,11 @@ def test_the_page_has_curves_results_and_classic_policies_of_each_recipe(small, 
         (0, "random", ""), (0, "pursuit", ""), (0, "learned", "best"), (0, "learned", "last"),
         (1, "learned", "best"), (1, "learned", "last"),
     ]  # fmt: skip
-    assert {row["split"] for row in rows} == {"test"}
+    assert {(row["split"], len(row["scores"].split())) for row in rows} == {("test", 3)}
     # Nothing is trained or measured again.
     monkeypatch.setattr("lidarnaut.agents.training.train", None)
     monkeypatch.setattr(recipes, "Evaluator", None)
-    main(("ReachGoal-v0",), seeds=2, out=out, docs=docs)
+    main(("ReachGoal-v0",), seeds=2, out=out, docs=docs, test_episodes=3)
     assert (docs / "recipes.md").read_text() == page
 
 
