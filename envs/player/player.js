@@ -143,6 +143,7 @@ class Player {
     byId("status").hidden = true;
     for (const id of ["player", "controls"]) byId(id).hidden = false;
     this.layout();
+    if (this.size() !== this.laidOut) this.layout(); // the texts, now drawn, take room
   }
 
   connect() {
