@@ -17,7 +17,7 @@ from lidarnaut.agents.run_folder import find_checkpoint
 from lidarnaut.agents.statistics import score
 from lidarnaut.agents.sweep import Member, expand, is_finished, run_sweep
 from lidarnaut.benchmarks.algorithms import read_task, task_section
-from lidarnaut.benchmarks.arena.page import Cell, Section, Table, write_markdown
+from lidarnaut.benchmarks.arena.page import Cell, Markdown, Section, Table, write_markdown
 from lidarnaut.envs.command_line import Count, run_command
 from lidarnaut.envs.files import explain_unknown, read_bytes, read_json, read_mapping, write_file
 
@@ -37,6 +37,8 @@ the test episodes, unused by training and by the choice of a checkpoint: the bes
 and classic policies. Times are processor times of the main process.
 """
 
+MISSING = "Not measured yet."
+
 
 def main(
     ids: tuple[str, ...] = (),
@@ -49,6 +51,8 @@ def main(
     test_episodes: Count | None = None,
 ) -> None:
     """Train recipes, measure their best and last checkpoints, and write `recipes.md` and a JSON file per id.
+
+    Recipes without finished runs in `out` keep their sections of the page.
 
     Args:
         ids: names of recipes such as `ReachCrowd-v0`; none for all.
@@ -65,6 +69,7 @@ def main(
     if unknown := [name for name in ids if name not in RECIPES]:
         raise ValueError(f"unknown recipe {explain_unknown(unknown[0], RECIPES)}")
     sections, tables = [Section("Recipes", (_overview(),))], dict[str, list[Row]]()
+    kept = _sections_of(docs / "recipes.md")
     for name in RECIPES:
         data: dict[str, Any] = {"experiment": name, "environment": {"id": f"lidarnaut/{name}"}}
         data["seeds"] = list(range(seeds))
@@ -73,7 +78,7 @@ def main(
             run_sweep(data, name, resume=out / name, jobs=jobs)
         members = expand(data, name, out / name)
         tables[name] = rows = [row for member in members if is_finished(member) for row in _results(member)]
-        sections.append(_section(name, members, rows))
+        sections.append(_section(name, members, rows) if rows or name not in kept else Section(name, (kept[name],)))
     write_markdown("Recipes", TEXT, sections, docs / "recipes.md", docs / "recipes")
     for name, rows in tables.items():
         if rows:
@@ -93,10 +98,17 @@ def _results(member: Member) -> list[Row]:
     return [*rows, {"seed": member.config.seed, **read_json(kept), "checkpoint": "last"}]
 
 
+def _sections_of(page: Path) -> dict[str, Markdown]:
+    """Return the sections with results of an earlier page by title."""
+    parts = read_bytes(page).decode().split("\n## ")[1:] if page.exists() else []
+    found = (part.partition("\n\n") for part in parts)
+    return {name: Markdown(text.strip()) for name, _, text in found if MISSING not in text}
+
+
 def _section(name: str, members: Sequence[Member], rows: Sequence[Row]) -> Section:
     about = [line[2:] for line in read_bytes(RECIPES[name]).decode().splitlines() if line.startswith("# ")]
     if not rows:
-        return Section(name, (" ".join(about), "Not measured yet."))
+        return Section(name, (" ".join(about), MISSING))
     task = read_task(name, members)
     section, last = task_section(task), [scores_of(row) for row in rows if row.get("checkpoint") == "last"]
     *parts, table = section.parts

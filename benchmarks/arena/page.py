@@ -81,6 +81,10 @@ class Section(NamedTuple):
     level: int = 2
 
 
+class Markdown(str):
+    """Text of an existing Markdown page, written as it is."""
+
+
 Part = str | Table | Figure | Frame | Section
 
 
@@ -94,21 +98,24 @@ def to_html(sections: Sequence[Section], **more: Any) -> str:
 def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, folder: Path) -> None:
     """Write a report as a Markdown page, with figures and long tables as files in `folder`.
 
-    PNG and CSV files in `folder` are deleted first. Only `text` may contain Markdown; other text is escaped.
+    PNG and CSV files in `folder` that the page does not name are deleted. Text is escaped, except for `text` and
+    `Markdown`.
     """
     own_folder(folder.parent, folder.name)
-    for old in (*folder.glob("*.png"), *folder.glob("*.csv")):
-        old.unlink()
     blocks = [f"# {title}", text.strip()]
     for section in sections:
         blocks.append(f"## {_escape(section.title)}")
         blocks += [_markdown(part, section.title, folder) for part in section.parts]
-    write_file(page, "\n\n".join(blocks) + "\n")
+    written = "\n\n".join(blocks) + "\n"
+    write_file(page, written)
+    for path in (*folder.glob("*.png"), *folder.glob("*.csv")):
+        if f"({folder.name}/{path.name})" not in written:
+            path.unlink()
 
 
 def _markdown(part: Part, title: str, folder: Path) -> str:
     if isinstance(part, str):
-        return _escape(part)
+        return part if isinstance(part, Markdown) else _escape(part)
     if isinstance(part, Figure):
         write_file(folder / f"{part.name}.png", part.content)
         return f"![{part.name}]({folder.name}/{part.name}.png)\n\n*{_escape(part.caption)}*"

@@ -51,6 +51,10 @@ def test_the_page_has_curves_results_and_classic_policies_of_each_recipe(small, 
     monkeypatch.setattr(recipes, "Evaluator", None)
     main(("ReachGoal-v0",), seeds=2, out=out, docs=docs, test_episodes=3)
     assert (docs / "recipes.md").read_text() == page
+    # Sections of runs that are not there are kept.
+    main(("ReachHouse-v0",), seeds=1, out=small / "others", docs=docs, train=False)
+    assert (docs / "recipes.md").read_text() == page
+    assert (docs / "recipes" / "ReachGoal-v0.png").exists()
 
 
 def test_an_unknown_recipe_is_named():
