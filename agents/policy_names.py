@@ -1,6 +1,7 @@
 """Construction of policies from their names on the command line."""
 
 import glob
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -129,11 +130,11 @@ def make_changed(make: Callable[..., Any], changes: Mapping[str, Any]) -> Any:
     allowed: list[str] = []
 
     def changed(params: Any) -> Any:
-        known = {one.name: getattr(params, one.name) for one in fields(params)}
+        known = [one.name for one in fields(params)]
         allowed.extend(known)
-        taken = {name: pending.pop(name) for name in known.keys() & pending.keys()}
+        taken = {name: pending.pop(name) for name in known if name in pending}
         try:
-            return replace(params, **{k: float(v) if isinstance(known[k], float) else v for k, v in taken.items()})
+            return replace(params, **taken)
         except ValidationError as error:
             raise ValueError("; ".join(explain_errors(error, type(params)))) from None
 
@@ -144,7 +145,13 @@ def make_changed(make: Callable[..., Any], changes: Mapping[str, Any]) -> Any:
             setattr(policy, part, changed(params))
     if hasattr(policy, "max_time"):
         allowed.append("max_time")
-        policy.max_time = float(pending.pop("max_time", policy.max_time))
+        given = pending.pop("max_time", policy.max_time)
+        try:
+            policy.max_time = float(given)
+        except (TypeError, ValueError):
+            policy.max_time = math.nan
+        if not policy.max_time > 0:
+            raise ValueError(f"max_time must be a positive number, got {given!r}")
     for name in pending:
         raise ValueError(f"unknown parameter {explain_unknown(name, allowed or ['none'])}")
     return policy

@@ -12,14 +12,17 @@ from torch.distributions import Categorical
 from torch.nn import functional
 
 from lidarnaut.agents.networks import JointPolicy, Tensors
+from lidarnaut.envs.observations.positions import GOAL_RANGE, NEAR_RANGE
 from lidarnaut.envs.observations.scan import SPEED_RANGE
 from lidarnaut.envs.observations.trajectories import END, NUMBERS, TURN, TWISTS
 from lidarnaut.envs.tasks.carrot import AHEAD
 
 NEEDED = "trajectories", "motion", "limits"
-GOAL_SCALE = 10.0
-"""Goal distance that the observation `goal` normalizes to 1 [m]. Also the distance assumed for goals beyond the
-observed point ahead on the path (`carrot`)."""
+FAR = 10.0
+"""Distance assumed for goals without an observed distance, and for those beyond the `carrot` [m]."""
+GOAL_SCALES = {4: NEAR_RANGE, 5: GOAL_RANGE}
+"""Distance that the observation `goal` normalizes to 1, by the size of that observation [m]; other sizes begin with a
+direction."""
 ON_PATH = slice(2, 4)
 """Indices of the direction to the point 0.6 m ahead on the path to the best frontier, in the observation `plan`."""
 LAST_ACTION = slice(2, 4)
@@ -91,6 +94,7 @@ class TrajectoryNetwork(nn.Module):
             )
         self.register_buffer("twists", torch.from_numpy(TWISTS))
         self._others = sorted(names - {"trajectories"})
+        self._goal_scale = GOAL_SCALES.get(spaces.flatdim(observation_space["goal"])) if "goal" in names else None
         others = sum(spaces.flatdim(observation_space[name]) for name in self._others)
         self.embed = nn.Linear(NUMBERS + OWN_NUMBERS + others, width)
         self.rate = nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1, bias=False))
@@ -127,11 +131,13 @@ class TrajectoryNetwork(nn.Module):
     def _goal(self, observations: Tensors) -> Tensor:
         if "carrot" in observations:
             carrot = observations["carrot"]
-            goal = torch.where(carrot[:, 2:] < 1.0, AHEAD * carrot[:, 2:], GOAL_SCALE) * carrot[:, :2]
+            goal = torch.where(carrot[:, 2:] < 1.0, AHEAD * carrot[:, 2:], FAR) * carrot[:, :2]
         elif "plan" in observations:
-            goal = GOAL_SCALE * observations["plan"][:, ON_PATH]
+            goal = FAR * observations["plan"][:, ON_PATH]
+        elif self._goal_scale is None:
+            goal = FAR * observations["goal"][:, :2]
         else:
-            goal = GOAL_SCALE * observations["goal"][:, :1] * observations["goal"][:, 1:3]
+            goal = self._goal_scale * observations["goal"][:, :1] * observations["goal"][:, 1:3]
         return goal / (SPEED_RANGE * observations["limits"][:, :1])
 
 

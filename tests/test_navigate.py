@@ -289,7 +289,8 @@ def test_a_pose_estimate_needs_a_localizer():
 
 def test_maps_of_explorations_begin_at_the_spawn():
     spawn = (-2.0, -0.5, 0.0)
-    env = LidarEnv(Navigate, **TRUE, start=(-0.5, -0.5, 0.0), map_pose="spawn")
+    grid = OccupancyGrid(np.zeros((100, 100), dtype=np.int8), 0.05, (-2.5, -2.5))
+    env = LidarEnv(Navigate, **TRUE, start=(-0.5, -0.5, 0.0), map=grid, map_pose="spawn")
     env.reset(seed=0)
     assert env.map_pose == env.world.spawns[0]
     assert tuple(env.belief.pose) == pytest.approx(tuple(Pose2D(*env.world.spawns[0]).between(Pose2D(-0.5, -0.5, 0.0))))

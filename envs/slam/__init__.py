@@ -90,7 +90,11 @@ def make_slam(
             source = "map_resolution" if key == "resolution" else "the robot"
             raise ValueError(f"slam {name!r}: {key} is not a parameter here, it is set by {source}")
         changes = {"resolution": resolution} | ({} if odometry_noise is None else {"odometry_noise": odometry_noise})
-        return found(lidar, read_params(name, preset, changes))
+        params = read_params(name, preset, changes)
+        try:
+            return found(lidar, params)
+        except ValueError as error:
+            raise ValueError(f"slam {name!r}: {error}") from error
     if own:
         raise ValueError(f"slam {name!r}: only SLAMs of this package take parameters: {', '.join(SLAMS)}")
     if callable(found):

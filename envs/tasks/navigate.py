@@ -8,7 +8,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from lidarnaut.envs.arguments import is_pose
-from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.estimation import ORIGIN, Estimator
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
@@ -46,8 +46,10 @@ class KnownMapTask(WorldTask):
         self._one: Robot  # set by `reset`
         self._read_initial_pose(self.initial_pose, "known", "unknown")
         self._frame = self.map_pose
-        given_frame(self._frame)
+        frame = given_frame(self._frame)
         self._map = given_map(self.map)
+        if self._map is None and (self._frame == "spawn" or frame != ORIGIN):
+            raise ValueError(f"map_pose={self._frame!r} needs a map; the default map is in the world frame")
         self.needs_explorable = self._map is None
         self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)

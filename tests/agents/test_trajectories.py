@@ -1,3 +1,6 @@
+import math
+
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -9,6 +12,8 @@ from lidarnaut.agents.training import train
 from lidarnaut.agents.trajectories import TrajectoryNetwork, TrajectoryPolicy, TwistChoice
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.files import parse_record
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.observations.scan import SPEED_RANGE
 from lidarnaut.envs.observations.trajectories import NUMBERS, TWISTS
 from lidarnaut.envs.tasks.explore import Explore
 
@@ -62,6 +67,26 @@ def test_observations_that_are_missing_are_named():
         ValueError, match=r"requires \['trajectories', 'motion', 'limits'\] and `goal`, `carrot` or `plan`"
     ):
         TrajectoryNetwork(spaces.Dict(PARTS), width=8, hidden=8)
+
+
+@pytest.mark.parametrize(
+    ("id", "arguments"),
+    [("ReachGoal-v0", {}), ("ReachGoal-v0", {"goal_given": "bearing"}), ("Navigate-v0", {"world": "hall"})],
+)
+def test_goals_of_all_tasks_are_read_in_metres(id, arguments):
+    parts = ("trajectories", "goal", "motion", "limits")
+    env = gymnasium.make(f"lidarnaut/{id}", physics="kinematic", observations=parts, **arguments)
+    lidar_env = env.unwrapped
+    network = TrajectoryNetwork(env.observation_space, width=8, hidden=8)
+    for seed in range(3):
+        observation, _ = env.reset(seed=seed)
+        goal = lidar_env.belief.pose.between(Pose2D(*lidar_env.task.goal[:2], 0.0))
+        scaled = network._goal({name: torch.from_numpy(part)[None] for name, part in observation.items()})[0]
+        found = scaled * SPEED_RANGE * float(observation["limits"][0])
+        away = math.hypot(goal.x, goal.y)
+        expected = min(away, 10.0) if arguments.get("goal_given", "pose") == "pose" else 10.0
+        assert found.norm() == pytest.approx(expected if id == "ReachGoal-v0" else away, rel=1e-4)
+        assert math.atan2(found[1], found[0]) == pytest.approx(math.atan2(goal.y, goal.x), abs=1e-4)
 
 
 def test_an_untrained_network_with_a_prior_explores_along_the_plan():

@@ -141,7 +141,8 @@ def test_parameters_of_dwb_are_set_by_name():
     assert parse_policy("dwb:agv?vx_samples=5", makers).make().dwb.acc_lim_x == 4.0
     assert parse_policy("dwb?goal_tolerance=0.3,sim_time=2.5", makers).make().dwb.sim_time == 2.5
     for name, message in (
-        ("dwb?sim_time=0", "sim_time: Input should be greater than 0, got 0.0"),
+        ("dwb?sim_time=0", "sim_time: Input should be greater than 0, got 0"),
+        ("dwb?sim_time=abc", "sim_time: Input should be a valid number"),
         ("dwb?sim_time=1000", "sim_time: Input should be less than or equal to 10"),
         ("dwb?sim_time=.inf", "sim_time: Input should be less than or equal to 10"),
         ("dwb?width=1e4", "width: Input should be less than or equal to 20"),
@@ -177,7 +178,7 @@ def test_learned_policies_draw_their_actions_if_asked():
     [
         ("tour?max_tme=1", r"policy 'tour\?max_tme=1': unknown parameter 'max_tme' \(did you mean 'max_time'\?\)"),
         ("random?speed=1", "allowed are none"),
-        ("nearest?max_time=fast", r"policy 'nearest\?max_time=fast': could not convert"),
+        ("nearest?max_time=fast", r"policy 'nearest\?max_time=fast': max_time must be a positive number"),
         ("tour?", "unknown policy"),
         (
             "ppo:pretrained/reach?determinstic=false",

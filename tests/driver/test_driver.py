@@ -19,6 +19,7 @@ from lidarnaut.envs.estimation.motion import make_motion_source
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.logs.trajectory import compose_poses, odometry_scales
 from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.worlds import load_world
 
 BURGER = "turtlebot3_burger"
 STEPS = 120
@@ -40,13 +41,14 @@ def controller(name):
 EXPLORE = {"id": "lidarnaut/Explore-v0", "world": "turtlebot3_house", "robot": BURGER}
 REACH = {"id": "lidarnaut/ReachHouse-v0", "robot": BURGER, "slam": "hector"}
 NAVIGATE = {"id": "lidarnaut/Navigate-v0", "world": "turtlebot3_house", "robot": BURGER, "start": "spawn"}
-NAVIGATE |= {"map_pose": "spawn", "initial_pose": (0.0, 0.0, 0.0)}
+NAVIGATE |= {"initial_pose": tuple(load_world("turtlebot3_house").spawns[0])}
 CASES = {
     "pursuit": (lambda: make_explorer("pursuit"), EXPLORE | {"slam": "tinyslam"}),
     "rrt": (lambda: make_explorer("rrt"), EXPLORE),
     "score": (lambda: learned("frontiers", pursuit=True), EXPLORE),
     "mppi": (lambda: controller("mppi"), REACH),
     "dwb": (lambda: controller("dwb"), NAVIGATE | {"heading_tolerance": 0.2}),
+    "amcl": (lambda: controller("pursuit"), NAVIGATE),
     "crowd": (lambda: learned("crowd"), {"id": "lidarnaut/ReachCrowd-v0"}),
     "reach": (lambda: learned("reach"), REACH),
 }
@@ -61,7 +63,7 @@ def compare(make, arguments, motion):
     env = gymnasium.make(**arguments).unwrapped
     observation, _ = begin_episode(env, policy, 3, np.random.default_rng([3, 1]))
     decide = decide_with(policy, env)
-    simulated = "world", "robot", "physics", "people", "start", "map_pose"
+    simulated = "world", "robot", "physics", "people", "start"
     kept = {key: value for key, value in arguments.items() if key not in simulated}
     if hasattr(env.task, "localizer"):
         kept["map"] = env.priors[0].map
@@ -116,10 +118,11 @@ def test_a_driver_commands_as_the_environment_does_with_a_policy_in_onnx(tmp_pat
     np.testing.assert_array_equal(commands[:, 1], commands[:, 0])
 
 
-@pytest.mark.parametrize("name", ["rrt", "dwb", "crowd"])
-def test_poses_of_odometry_differ_by_rounding(name):
+# A particle filter amplifies rounding by its draws, to about its own spread.
+@pytest.mark.parametrize(("name", "bound"), [("rrt", 1e-3), ("amcl", 0.1), ("crowd", 1e-3)])
+def test_poses_of_odometry_differ_by_rounding(name, bound):
     commands, _ = compare(*CASES[name], "odometry")
-    assert np.quantile(np.abs(commands[:, 1] - commands[:, 0]), 0.9) < 1e-3
+    assert np.quantile(np.abs(commands[:, 1] - commands[:, 0]), 0.9) < bound
 
 
 def loop_with(driver, link=IDEAL):
