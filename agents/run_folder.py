@@ -97,12 +97,24 @@ def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Itera
         ValueError: if the folder already holds a run.
         lidarnaut.envs.files.LockedError: if another process uses the folder.
     """
-    run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
+    run = run or _new_folder(f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}")
     with Lock(own_folder(run)):
         if list_checkpoints(run) or (run / GENERATIONS).exists():
             raise ValueError(f"{run} already holds a run; resume it with --resume {run}, or choose another folder")
         prepare_folder(run, config)
         yield run
+
+
+def _new_folder(name: str) -> Path:
+    """Create `runs/<name>`, or `runs/<name>-2` and so on if another training has begun in the same second."""
+    folder, number = Path("runs") / name, 1
+    while True:
+        try:
+            folder.mkdir(parents=True)
+            return folder
+        except FileExistsError:
+            number += 1
+            folder = folder.with_name(f"{name}-{number}")
 
 
 def prepare_folder(run: Path, config: TrainingConfig | EvolutionConfig) -> None:

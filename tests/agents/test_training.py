@@ -15,7 +15,7 @@ from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import curve_of, read_evaluations
 from lidarnaut.agents.evaluation import Evaluator
-from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, write_evaluations
+from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, new_run, write_evaluations
 from lidarnaut.agents.training import train
 from lidarnaut.envs.files import Lock, LockedError, dump_record, parse_record, read_record
 from lidarnaut.train_command import main
@@ -70,6 +70,13 @@ def test_a_second_process_at_a_run_says_who_the_first_one_is(tiny_run, tiny_conf
         with pytest.raises(LockedError, match=f"{run} is in use"):
             train(tiny_config, run=run, progress=False)
     assert changes() == before
+
+
+def test_two_trainings_of_one_second_have_folders_of_their_own(tiny_config, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("time.strftime", lambda form: "20260101-000000")
+    with new_run(tiny_config, None) as first, new_run(tiny_config, None) as second:
+        assert second.name == f"{first.name}-2"
 
 
 def test_rows_lack_measures_that_were_infinite(tmp_path):
