@@ -43,7 +43,7 @@ _PALETTE = _palette()
 def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
     """Draw the ground truth: world, people, goal, robots with beams and paths."""
     surface.blit(_static(scene.world, view.size), (0, 0))
-    for person in scene.people[:, [0, 1, 3, 4, 2]]:
+    for person in scene.people:
         _draw_person(surface, view, person, width=0)
     if scene.goal is not None:
         _draw_goal(surface, view, scene.start.compose(scene.goal))
