@@ -62,7 +62,7 @@ def _is_flat(x, y, first, last):
 def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
     width = math.hypot(last[0] - first[0], last[1] - first[1])
     x, y = total[0] / beams, total[1] / beams
-    ahead, left = x - p.geometry.mount_x, y - p.geometry.mount_y
+    ahead, left = x - p.mount_x, y - p.mount_y
     distance = math.hypot(ahead, left)
     width += distance * p.increment
     if width > MAX_SIZE or distance > MAX_RANGE or count == clusters.shape[0]:
@@ -87,7 +87,7 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
 
 
 @njit(cache=True, error_model="numpy")
-def find_clusters(ranges, p, clusters):
+def find_clusters(ranges, geometry, p, clusters):
     """Split a scan at large gaps between neighbouring points, write person-sized clusters, and return their number.
 
     Threshold for gaps: Borges and Aldon, "Line extraction in 2D range images for mobile robotics" (2004), equation 3.
@@ -103,10 +103,10 @@ def find_clusters(ranges, p, clusters):
     at, previous, is_slope = 0, np.inf, False
     for i in range(num_beams + 1):
         k = start + i if start + i < num_beams else start + i - num_beams  # faster than a remainder
-        r = float(ranges[k]) if i < num_beams and not ranges[k] >= p.geometry.range_max else np.inf
+        r = float(ranges[k]) if i < num_beams and not ranges[k] >= p.range_max else np.inf
         if not r > 0.0:
             continue
-        point = beam_end(r, k, p.geometry) if r < np.inf else last
+        point = beam_end(r, k, geometry) if r < np.inf else last
         reach = JUMP + (i - at) * gain * min(r, previous)
         if beams > 0 and (r == np.inf or (point[0] - last[0]) ** 2 + (point[1] - last[1]) ** 2 > reach * reach):
             is_slope |= _is_slope(previous, r)
@@ -165,7 +165,7 @@ def look_at_disc(scan, pose, x, y, radius, margin, p):
         elif k < 0 or k >= num_beams:
             return HIDDEN
         r = float(scan[k])
-        if r > far and (r < np.inf or p.geometry.range_max > far):
+        if r > far and (r < np.inf or p.range_max > far):
             passed += 1
         elif near <= r < np.inf:
             return HIT

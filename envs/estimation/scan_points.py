@@ -1,5 +1,6 @@
 """Scans as points: beam ends in the base frame, returns, and points on bodies such as people, compiled with Numba."""
 
+from functools import lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -27,6 +28,7 @@ class ScanGeometry(NamedTuple):
     skip_exceeding: bool = False
 
     @classmethod
+    @lru_cache(maxsize=64)
     def of(cls, lidar: LidarParams, resolution: float = 1.0, skip_exceeding: bool = False) -> Self:
         mount = float(lidar.mount.x), float(lidar.mount.y)
         return cls(lidar.directions, *mount, float(lidar.range_max), float(resolution), skip_exceeding)

@@ -7,7 +7,6 @@ import math
 from collections import namedtuple
 from dataclasses import dataclass, fields
 from operator import attrgetter
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -107,7 +106,7 @@ SENSITIVE_TRACKER = TrackerParams(
 )
 """Sensitive settings for local planning: a missed person is worse than a false positive."""
 _OWN = tuple(field.name for field in fields(TrackerParams))
-_OF_LIDAR = ("geometry", "yaw", "angle_min", "increment", "is_full_turn")
+_OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range_max", "is_full_turn")
 TrackerNumbers = namedtuple("TrackerNumbers", [*_OF_LIDAR, *_OWN])  # type: ignore[misc]
 
 
@@ -116,11 +115,11 @@ def num_kept_scans(params: TrackerParams) -> int:
     return max(1, math.ceil(params.memory / SCAN_INTERVAL))
 
 
-def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> Any:
-    """Return lidar and tracker parameters for compiled functions: `ScanGeometry`, then floats."""
-    is_full_turn = lidar.fov > 2.0 * math.pi - 1e-6
-    beams = lidar.mount.yaw, lidar.angle_min, lidar.angle_increment, is_full_turn
-    return TrackerNumbers._make((ScanGeometry.of(lidar), *map(float, (*beams, *attrgetter(*_OWN)(params)))))
+def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers:
+    """Return lidar and tracker parameters as floats, for compiled functions."""
+    mount, is_full_turn = lidar.mount, lidar.fov > 2.0 * math.pi - 1e-6
+    beams = lidar.angle_min, lidar.angle_increment, lidar.range_max, is_full_turn
+    return TrackerNumbers._make(map(float, (mount.x, mount.y, mount.yaw, *beams, *attrgetter(*_OWN)(params))))
 
 
 @njit(cache=True, error_model="numpy")
@@ -209,7 +208,7 @@ def _judge(track, ranges, lidar, p):
 
 
 @njit(cache=True, error_model="numpy")
-def track_people(ranges, motion, period, state, tracks, memory, clusters, p):
+def track_people(ranges, geometry, motion, period, state, tracks, memory, clusters, p):
     """Update all tracks of people with a lidar scan, in place.
 
     `motion`: base pose relative to the last scan, by odometry; `period`: time since the last scan [s]; `memory`: past
@@ -219,8 +218,8 @@ def track_people(ranges, motion, period, state, tracks, memory, clusters, p):
     x, y, theta = compose(state[0], state[1], state[2], motion[0], motion[1], motion[2])
     state[0], state[1], state[2], state[TIME] = x, y, theta, state[TIME] + period
     time, num_tracks, num_scans = state[TIME], int(state[NUM_TRACKS]), int(state[NUM_SCANS])
-    lidar = compose(x, y, theta, p.geometry.mount_x, p.geometry.mount_y, p.yaw)
-    count = join_legs(clusters, find_clusters(ranges, p, clusters))
+    lidar = compose(x, y, theta, p.mount_x, p.mount_y, p.mount_yaw)
+    count = join_legs(clusters, find_clusters(ranges, geometry, p, clusters))
     state[NUM_CLUSTERS] = count
     c, s = math.cos(theta), math.sin(theta)
     moved = np.zeros(count, dtype=np.int64)
@@ -299,7 +298,7 @@ class PeopleTracker:
     def __init__(self, lidar: LidarParams, period: float, params: TrackerParams = TrackerParams()) -> None:
         """Create a tracker; `period` is the time between scans [s]."""
         self.params, self._period = params, period
-        self._numbers = tracker_numbers(lidar, params)
+        self._numbers, self._geometry = tracker_numbers(lidar, params), ScanGeometry.of(lidar)
         num_scans = num_kept_scans(params)
         self._memory = np.empty((num_scans, lidar.num_beams), dtype=np.float32), np.zeros((num_scans, 4))
         self._state, self._tracks = np.zeros(8), np.zeros((MAX_TRACKS, TRACK_SIZE))
@@ -314,7 +313,7 @@ class PeopleTracker:
         `motion`: base pose relative to the last scan, by odometry.
         """
         arrays = self._state, self._tracks, self._memory, self._clusters
-        track_people(ranges, tuple(motion), self._period, *arrays, self._numbers)
+        track_people(ranges, self._geometry, tuple(motion), self._period, *arrays, self._numbers)
         return self.people
 
     @property
@@ -351,4 +350,4 @@ class PeopleTracker:
             pose = Pose2D(*self._state[POSE : POSE + 3].tolist()).inverse()
             bodies = np.zeros((len(clusters), 5))
             bodies[:, :2], bodies[:, 4] = pose.transform(clusters[:, :2]), clusters[:, 2]
-        return are_on_bodies(scan_ends(ranges, self._numbers.geometry), np.vstack([self.people, bodies]), margin)
+        return are_on_bodies(scan_ends(ranges, self._geometry), np.vstack([self.people, bodies]), margin)

@@ -8,7 +8,7 @@ from gymnasium import spaces
 from numba import njit
 
 from lidarnaut.envs.estimation.scan_clusters import CLUSTER_SIZE
-from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, beam_end, is_on_body
+from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, beam_end, is_on_body
 from lidarnaut.envs.estimation.tracking import (
     MAX_CLUSTERS,
     MAX_TRACKS,
@@ -193,7 +193,7 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
 
 @njit(cache=True, error_model="numpy")
-def write_trajectories(rows, ranges, memory, active, limits, tracker, twists, out):
+def write_trajectories(rows, ranges, memory, active, geometry, limits, tracker, twists, out):
     """Update people trackers by the last scans; write the observation `Trajectories` to `out`, shape (n, 66, 8).
 
     `memory`: arrays of the people trackers, one row per robot: state, tracks, past scans, lidar poses.
@@ -208,10 +208,10 @@ def write_trajectories(rows, ranges, memory, active, limits, tracker, twists, ou
         if row[at.STEPS] != state[STEPS]:
             kept = all_scans[i].reshape(-1, ranges.shape[1]), all_poses[i].reshape(-1, 4)
             motion = row[at.ODOMETRY], row[at.ODOMETRY + 1], row[at.ODOMETRY + 2]
-            track_people(ranges[i], motion, row[at.PERIOD], state, tracks, kept, clusters, tracker)
+            track_people(ranges[i], geometry, motion, row[at.PERIOD], state, tracks, kept, clusters, tracker)
             state[STEPS] = row[at.STEPS]
         found = people[: write_bodies(state, tracks, people)]
-        count = find_walls(ranges[i], tracker.geometry, found, points)
+        count = find_walls(ranges[i], geometry, found, points)
         now = row[at.TWIST_V], row[at.TWIST_W]
         predict_outcomes(now, limits, points[:, :count], found, twists, out[i])
 
@@ -237,7 +237,7 @@ class Trajectories(RowPart):
         sees_behind = bool(lidar.directions[0].min() < -math.cos(REAR_ANGLE))
         limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind
         twists = np.array(SPEEDS, np.float32), np.array(TURNS, np.float32)
-        self._fixed = limits, tracker_numbers(lidar, SENSITIVE_TRACKER), twists
+        self._fixed = ScanGeometry.of(lidar), limits, tracker_numbers(lidar, SENSITIVE_TRACKER), twists
         num_scans = num_kept_scans(SENSITIVE_TRACKER)
         self._memory = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
         sizes = STATE, MAX_TRACKS * TRACK_SIZE, num_scans * lidar.num_beams, num_scans * 4
