@@ -12,7 +12,7 @@ from lidarnaut.envs.estimation.belief import check_belief
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.estimation.map_pyramid import MapPyramid
 from lidarnaut.envs.estimation.motion import update_bias
-from lidarnaut.envs.estimation.peers import PeerFilter
+from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, are_on_bodies, as_bodies, scan_ends
 from lidarnaut.envs.estimation.tracking import LARGE_ENOUGH, NOT_STANDING, PeopleTracker
 from lidarnaut.envs.estimation.trail import Trail, interpolate
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
@@ -88,7 +88,7 @@ class Robot:
         self.control_period = control_period
         self.peers: list[Robot] = []
         """Other robots of a team; their pose estimates are shared."""
-        self._peer_filter = PeerFilter(params)
+        self._geometry = ScanGeometry.of(params.lidar)
         self.tracker: PeopleTracker | None = None
         """Tracker that excludes people from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
@@ -259,7 +259,9 @@ class Robot:
             ranges = np.where(np.asarray(self.belief.on_people), np.float32(np.nan), ranges)
         if not self.peers:
             return ranges
-        return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])
+        bodies = as_bodies(self.predicted_pose, [peer.predicted_pose for peer in self.peers], self.params.radius)
+        is_on_peer = are_on_bodies(scan_ends(ranges, self._geometry), bodies, BODY_MARGIN)
+        return np.where(is_on_peer, np.float32(np.nan), ranges)
 
     def follow(self, belief: Belief) -> None:
         """Store the estimator's result for a scan: pose, velocity, path and map changes."""

@@ -6,7 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence as same
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation.peers import remove_peers
+from lidarnaut.envs.estimation.scan_points import ScanGeometry, are_on_bodies, as_bodies, scan_ends
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.observations.positions import PEERS_RANGE
 from lidarnaut.envs.simulation.contact import check_starts
@@ -121,14 +121,12 @@ def test_peers_are_shown_by_position_and_heading_and_saturate():
 
 def test_beams_that_end_at_a_peer_are_left_out_and_no_others():
     angles = np.linspace(-math.pi, math.pi, 36, endpoint=False)
-    directions = np.vstack([np.cos(angles), np.sin(angles)])
+    geometry = ScanGeometry(np.vstack([np.cos(angles), np.sin(angles)]), 0.0, 0.0, 12.0)
     ranges = np.full(36, 3.0, dtype=np.float32)
     ranges[18], ranges[9], ranges[0] = 1.8, np.nan, np.inf
-    out = remove_peers(ranges, directions, (0.0, 0.0), (5.0, 5.0, math.pi / 2), np.array([[5.0, 7.0]]), 0.3)
+    peers = as_bodies(Pose2D(5.0, 5.0, math.pi / 2), [Pose2D(5.0, 7.0, 0.0)], 0.2)
     # Beam 18 points ahead to y = 6.8; its neighbours miss the peer.
-    assert np.flatnonzero(np.isnan(out)).tolist() == [9, 18]
-    assert np.isinf(out[0])
-    assert not np.isnan(ranges[18])
+    assert np.flatnonzero(are_on_bodies(scan_ends(ranges, geometry), peers, 0.1)).tolist() == [18]
 
 
 @pytest.mark.parametrize("slam", ["truth", "tinyslam"])

@@ -75,7 +75,7 @@ def test_shared_quantities_are_true_values_at_the_end_of_the_step(physics):
         away = to_nearest((x, y), inner.world.segments, inner.world.circles) - inner.robot.radius
         assert seen["obstacle_gap"] == pytest.approx(min(max(away, 0.0), 10.0), abs=2e-3)
         people = inner.simulator.people
-        nearest = min(np.hypot(px - x, py - y) - radius for px, py, radius in people[:, :3])
+        nearest = min(np.hypot(px - x, py - y) - radius for px, py, _, _, radius in people)
         assert seen["person_gap"] == pytest.approx(min(nearest - inner.robot.radius, 10.0), abs=1e-6)
     assert (np.ptp(varied, axis=0) > 0.0).all()
 

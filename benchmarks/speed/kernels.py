@@ -15,6 +15,7 @@ from lidarnaut.benchmarks.speed.naive_slam import NaiveSlam
 from lidarnaut.benchmarks.speed.naive_slam import match as naive_match
 from lidarnaut.benchmarks.speed.references import advance_in_numpy, cast_rays_in_numpy, crop_in_numpy, pool_in_numpy
 from lidarnaut.envs.estimation.map_pyramid import Level, crop_level, pool_cells
+from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.observations import NEAR_PIXEL
@@ -24,7 +25,6 @@ from lidarnaut.envs.simulation.records import STATE_SIZE, robot_record
 from lidarnaut.envs.slam import load_params
 from lidarnaut.envs.slam.grid_map import GridMap, integrate_scan, probabilities
 from lidarnaut.envs.slam.matcher import match, search_params
-from lidarnaut.envs.slam.scans import project_hits
 
 PERIOD, CROP_SIZE, CALLS = 0.1, 40, 1000
 """Control period [s], side of a map crop [pixels], kernel calls per timing."""

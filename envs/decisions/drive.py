@@ -43,7 +43,7 @@ def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_
         flags, touched = int(row[at.FLAGS]), row[at.TOUCHED] > 0.0
         record_positions(rows, ONE_ACTIVE, *noted)
         motion = (row[at.ODOMETRY], row[at.ODOMETRY + 1], row[at.ODOMETRY + 2])
-        sensors = (ranges[0], navigator.directions, touched)
+        sensors = (ranges[0], navigator.geometry, touched)
         update_obstacles(navigators, obstacles, sensors, motion, no_points, constants)
         if flags & SCAN or k == num_steps - 1:
             return k + 1, UNCHECKED, contacts

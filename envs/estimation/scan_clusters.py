@@ -10,6 +10,8 @@ from numba import njit
 
 from lidarnaut.envs.geometry.rows import write_row
 
+from .scan_points import beam_end
+
 CLUSTER_SIZE = 6
 """Number of values of a cluster: centre x, y [m], radius [m], number of beams, kind, and 1 if static."""
 BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
@@ -17,6 +19,18 @@ BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
 PASSED, HIDDEN, HIT = 1, 0, -1
 """Results of a free-space test of a disc (outline of a person): beams pass through the disc, the disc is occluded, or a
 beam ends at the disc."""
+JUMP, JUMP_ANGLE = 0.08, 0.35
+"""Neighbouring scan points are in different clusters if farther apart than `JUMP` [m], plus a range-proportional
+distance: minimum angle between beam and surface for neighbouring points of a surface to stay in one cluster [rad]
+(lambda of Borges and Aldon, 2004)."""
+SLOPE_STEP = 0.4
+"""A cluster is part of a wall if the beam next to one of its ends is shorter than the end beam, by less than this
+[m]."""
+MAX_RANGE, MAX_SIZE, MIN_BEAMS = 8.0, 0.8, 3
+"""Limits for clusters of people: maximum distance from the lidar and maximum extent [m], and minimum number of beams
+for a track to start."""
+LEG_SIZE, MAX_LEG_GAP = 0.25, 0.65
+"""Maximum width of a leg, and maximum distance between the legs of a person [m]."""
 CORE_SHARE = 0.8
 """Free-space tests of a person's disc cover this fraction of its radius, as walls may touch the rim."""
 MAX_PART_SHARE = 0.75
@@ -29,8 +43,8 @@ ARC_DEPTH = 0.785
 
 
 @njit(cache=True, error_model="numpy")
-def _is_slope(edge, neighbour, p):
-    return edge - p.slope < neighbour < edge
+def _is_slope(edge, neighbour):
+    return edge - SLOPE_STEP < neighbour < edge
 
 
 @njit(cache=True, error_model="numpy")
@@ -51,7 +65,7 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
     ahead, left = x - p.mount_x, y - p.mount_y
     distance = math.hypot(ahead, left)
     width += distance * p.increment
-    if width > p.max_size or distance > p.max_range or count == clusters.shape[0]:
+    if width > MAX_SIZE or distance > MAX_RANGE or count == clusters.shape[0]:
         return count
     is_slope |= beams >= MIN_FLAT_BEAMS and _is_flat(x, y, first, last)
     radius = 0.5 * width
@@ -67,19 +81,20 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
         depth = depth if ahead * chord_y - left * chord_x < 0.0 else -depth
         x, y = 0.5 * (first[0] + last[0]) - depth * chord_y, 0.5 * (first[1] + last[1]) + depth * chord_x
     whole = PART if is_part else BODY
-    kind = SLOPE if is_slope else (LEG if width < p.leg_size else whole)
+    kind = SLOPE if is_slope else (LEG if width < LEG_SIZE else whole)
     write_row(clusters[count], (x, y, radius, float(beams), kind, 0.0))
     return count + 1
 
 
 @njit(cache=True, error_model="numpy")
-def find_clusters(ranges, directions, p, clusters):
+def find_clusters(ranges, geometry, p, clusters):
     """Split a scan at large gaps between neighbouring points, write person-sized clusters, and return their number.
 
     Threshold for gaps: Borges and Aldon, "Line extraction in 2D range images for mobile robotics" (2004), equation 3.
     `clusters`: output, shape (n, CLUSTER_SIZE), float64.
     """
     num_beams, start = ranges.shape[0], 0
+    gain = math.sin(p.increment) / math.sin(max(JUMP_ANGLE - p.increment, p.increment))
     count = beams = np.int64(0)  # typed, to avoid a second compilation
     if p.is_full_turn > 0.0:  # do not split a cluster at beam 0
         while start < num_beams and abs(ranges[start] - ranges[start - 1]) < 0.5:
@@ -88,29 +103,29 @@ def find_clusters(ranges, directions, p, clusters):
     at, previous, is_slope = 0, np.inf, False
     for i in range(num_beams + 1):
         k = start + i if start + i < num_beams else start + i - num_beams  # faster than a remainder
-        r = float(ranges[k]) if i < num_beams else np.inf
+        r = float(ranges[k]) if i < num_beams and not ranges[k] >= p.range_max else np.inf
         if not r > 0.0:
             continue
-        point = (p.mount_x + r * directions[0, k], p.mount_y + r * directions[1, k]) if r < np.inf else last
-        reach = p.jump + (i - at) * p.jump_gain * min(r, previous)
+        point = beam_end(r, k, geometry) if r < np.inf else last
+        reach = JUMP + (i - at) * gain * min(r, previous)
         if beams > 0 and (r == np.inf or (point[0] - last[0]) ** 2 + (point[1] - last[1]) ** 2 > reach * reach):
-            is_slope |= _is_slope(previous, r, p)
+            is_slope |= _is_slope(previous, r)
             count = _add_cluster(clusters, count, first, last, total, beams, is_slope, p)
             beams = np.int64(0)
         if r < np.inf:
             if beams == 0:
-                first, total, is_slope = point, (0.0, 0.0), _is_slope(r, previous, p)
+                first, total, is_slope = point, (0.0, 0.0), _is_slope(r, previous)
             last, total, beams = point, (total[0] + point[0], total[1] + point[1]), beams + 1
         at, previous = i, r
     return count
 
 
 @njit(cache=True, error_model="numpy")
-def join_legs(clusters, count, p):
+def join_legs(clusters, count):
     """Merge each leg cluster with the nearest other leg cluster into a body; return the number of clusters."""
     i = 0
     while i < count:
-        nearest, best = -1, p.step
+        nearest, best = -1, MAX_LEG_GAP
         if clusters[i, 4] == LEG:
             for j in range(i + 1, count):
                 gap = math.hypot(clusters[i, 0] - clusters[j, 0], clusters[i, 1] - clusters[j, 1])

@@ -16,7 +16,19 @@ from lidarnaut.envs.geometry.pose import compose
 from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.robots import LidarParams
 
-from .scan_clusters import BODY, CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters, join_legs, look_at_disc
+from .scan_clusters import (
+    BODY,
+    CLUSTER_SIZE,
+    HIT,
+    MAX_LEG_GAP,
+    MIN_BEAMS,
+    PASSED,
+    SLOPE,
+    find_clusters,
+    join_legs,
+    look_at_disc,
+)
+from .scan_points import ScanGeometry, are_on_bodies, scan_ends
 
 MAX_CLUSTERS, MAX_TRACKS = 256, 128
 X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_PERSON, ID, ON_FREE = range(16)
@@ -31,6 +43,23 @@ POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
 stored since the reset; `NUM_BORN`: number of tracks started since the reset."""
 
 
+SCAN_INTERVAL = 1.0
+"""Time between stored scans [s]."""
+MARGIN, DRIFT = 0.1, 0.01
+"""Range tolerance of free-space tests [m], and its increase per second of a stored scan's age, for odometry drift
+[m/s]. A person's outline is free if beams end farther behind it than this."""
+SPEED_STD = 0.8
+"""Initial standard deviation of a track's velocity along an axis [m/s]."""
+MAX_DEVIATION, MAX_GAP = 3.0, 0.8
+"""Maximum distance between a track and a matched cluster: Mahalanobis distance, and distance [m]."""
+MIN_SPEED = 0.2
+"""Minimum speed of a track for confirmation as a person [m/s]."""
+MAX_STD = 0.35
+"""Maximum standard deviation of a reported person's position along an axis [m]."""
+MAX_MISSES = 4
+"""A track is deleted after this number of scans that show free space at its position."""
+LOST_TIME = 3.0
+"""Time after which an occluded person is deleted [s]. Unconfirmed tracks are deleted after a sixth of the time."""
 MAX_UNSEEN_TIME = 0.35
 """Unconfirmed tracks are reported for this time after the last match [s]."""
 MIN_BODY_RADIUS = 0.27
@@ -41,86 +70,56 @@ MIN_BODY_RADIUS = 0.27
 class TrackerParams:
     """Parameters of people tracking, tuned in simulations unless a source is given."""
 
-    max_range: float = 8.0
-    """Clusters farther from the lidar are ignored [m]."""
-    jump: float = 0.08
-    """Neighbouring scan points are in different clusters if farther apart than this, plus a range-proportional distance
-    set by `jump_angle` [m]."""
-    jump_angle: float = 0.35
-    """Minimum angle between beam and surface for neighbouring points of a surface to stay in one cluster [rad] (lambda
-    of Borges and Aldon, 2004)."""
-    max_size: float = 0.8
-    """Maximum extent of a person [m]."""
-    leg_size: float = 0.25
-    """Clusters narrower than this are taken for legs [m]."""
-    step: float = 0.65
-    """Maximum distance between the legs of a person [m]."""
     body_radius: float = 0.0
     """Radius assumed for a partly occluded body, to estimate the position of its centre [m]; 0 to disable."""
-    min_beams: int = 3
-    """Minimum number of beams of a cluster that starts a track."""
-    margin: float = 0.1
-    """Range tolerance of free-space tests [m]: a person's outline is free if beams end farther behind it than this."""
-    drift: float = 0.01
-    """Increase of the range tolerance `margin` per second of a stored scan's age, for odometry drift [m/s]."""
-    slope: float = 0.4
-    """A cluster is part of a wall if the beam next to one of its ends is shorter than the end beam, by less than this
-    [m]."""
     memory: float = 16.0
     """Duration of the scan history [s]."""
-    interval: float = 1.0
-    """Time between stored scans [s]."""
     position_std: float = 0.08
     """Standard deviation of a cluster's measured position along an axis [m]."""
-    speed_std: float = 0.8
-    """Initial standard deviation of a track's velocity along an axis [m/s]."""
     acceleration: float = 0.6
     """Spectral density of people's white-noise acceleration [m2/s3] (Bar-Shalom et al., "Estimation with Applications
     to Tracking and Navigation", 2001, section 6.2.2)."""
-    gate: float = 3.0
-    """Maximum Mahalanobis distance between a track and a matched cluster."""
-    max_gap: float = 0.8
-    """Maximum distance between a track and a matched cluster [m]."""
     min_hits: int = 4
     """Minimum number of matched clusters to confirm a track as a person."""
     min_travel: float = 0.3
     """Minimum distance of a track from its start point for confirmation as a person [m]."""
-    min_speed: float = 0.2
-    """Minimum speed of a track for confirmation as a person [m/s]."""
     hidden_travel: float = math.inf
     """A track not seen in free space is confirmed only beyond this distance from its start point [m]; inf: never."""
     significance: float = 2.0
     """A track is confirmed only if its speed exceeds the speed's standard deviation by this factor."""
-    max_std: float = 0.35
-    """Maximum standard deviation of a reported person's position along an axis [m]."""
     stood_hits: int = 1
     """A body-sized cluster starts no track if this number of stored scans show an obstacle at its position."""
     static_hits: int = 12
     """A person-sized cluster is added to the map if this number of stored scans show an obstacle there, and none free
     space."""
-    max_misses: int = 4
-    """A track is deleted after this number of scans that show free space at its position."""
-    lost_time: float = 3.0
-    """Time after which an occluded person is deleted [s]. Unconfirmed tracks are deleted after a sixth of the time."""
 
 
-_OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range_max", "is_full_turn", "jump_gain")
+SENSITIVE_TRACKER = TrackerParams(
+    min_travel=0.25,
+    hidden_travel=0.4,
+    position_std=0.04,
+    acceleration=1.5,
+    memory=6.0,
+    stood_hits=3,
+    static_hits=4,
+    body_radius=0.3,
+)
+"""Sensitive settings for local planning: a missed person is worse than a false positive."""
 _OWN = tuple(field.name for field in fields(TrackerParams))
+_OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range_max", "is_full_turn")
 TrackerNumbers = namedtuple("TrackerNumbers", [*_OF_LIDAR, *_OWN])  # type: ignore[misc]
 
 
 def num_kept_scans(params: TrackerParams) -> int:
     """Return the number of scans that the tracker stores."""
-    return max(1, math.ceil(params.memory / params.interval))
+    return max(1, math.ceil(params.memory / SCAN_INTERVAL))
 
 
 def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers:
     """Return lidar and tracker parameters as floats, for compiled functions."""
-    increment, mount = lidar.angle_increment, lidar.mount
-    gain = math.sin(increment) / math.sin(max(params.jump_angle - increment, increment))
-    is_full_turn = lidar.fov > 2.0 * math.pi - 1e-6
-    frame = mount.x, mount.y, mount.yaw, lidar.angle_min, increment, lidar.range_max, is_full_turn, gain
-    return TrackerNumbers(*map(float, (*frame, *attrgetter(*_OWN)(params))))
+    mount, is_full_turn = lidar.mount, lidar.fov > 2.0 * math.pi - 1e-6
+    beams = lidar.angle_min, lidar.angle_increment, lidar.range_max, is_full_turn
+    return TrackerNumbers._make(map(float, (mount.x, mount.y, mount.yaw, *beams, *attrgetter(*_OWN)(params))))
 
 
 @njit(cache=True, error_model="numpy")
@@ -153,8 +152,8 @@ def correct(track, x, y, p):
 def _votes(x, y, radius, time, scans, poses, num_scans, p):
     passed = hits = 0
     for k in range(min(num_scans, scans.shape[0])):
-        if 0.9 * p.interval < time - poses[k, 3] <= p.memory:
-            margin = p.margin + p.drift * (time - poses[k, 3])
+        if 0.9 * SCAN_INTERVAL < time - poses[k, 3] <= p.memory:
+            margin = MARGIN + DRIFT * (time - poses[k, 3])
             seen = look_at_disc(scans[k], poses[k], x, y, radius, margin, p)
             passed += seen == PASSED
             hits += seen == HIT
@@ -168,8 +167,8 @@ def _match(tracks, num_tracks, clusters, count, moved, matches, p):
         track = tracks[i]
         matches[i] = -1
         s = track[P_XX] + p.position_std**2
-        reach = min(p.gate * p.gate * s, p.max_gap * p.max_gap)
-        is_fast = math.hypot(track[VX], track[VY]) > 2.0 * p.min_speed
+        reach = min(MAX_DEVIATION * MAX_DEVIATION * s, MAX_GAP * MAX_GAP)
+        is_fast = math.hypot(track[VX], track[VY]) > 2.0 * MIN_SPEED
         for k in range(count):
             squared = (clusters[k, 0] - track[X]) ** 2 + (clusters[k, 1] - track[Y]) ** 2
             is_wall = (clusters[k, 4] == SLOPE and track[IS_PERSON] == 0.0) or (moved[k] < 0 and is_fast)
@@ -189,9 +188,9 @@ def _match(tracks, num_tracks, clusters, count, moved, matches, p):
 
 
 @njit(cache=True, error_model="numpy")
-def _is_doubled(i, tracks, num_tracks, matches, p):
+def _is_doubled(i, tracks, num_tracks, matches):
     for k in range(num_tracks):
-        if matches[k] >= 0 and math.hypot(tracks[k, X] - tracks[i, X], tracks[k, Y] - tracks[i, Y]) < 0.7 * p.step:
+        if matches[k] >= 0 and math.hypot(tracks[k, X] - tracks[i, X], tracks[k, Y] - tracks[i, Y]) < 0.7 * MAX_LEG_GAP:
             return True
     return False
 
@@ -200,16 +199,16 @@ def _is_doubled(i, tracks, num_tracks, matches, p):
 def _judge(track, ranges, lidar, p):
     if track[HITS] < p.min_hits:
         return False
-    born = look_at_disc(ranges, lidar, track[BORN_X], track[BORN_Y], track[RADIUS], p.margin, p)
+    born = look_at_disc(ranges, lidar, track[BORN_X], track[BORN_Y], track[RADIUS], MARGIN, p)
     speed = math.hypot(track[VX], track[VY])
     travel = math.hypot(track[X] - track[BORN_X], track[Y] - track[BORN_Y])
     if track[ON_FREE] < p.min_hits and born != PASSED and travel < p.hidden_travel:
         return False
-    return travel >= p.min_travel and speed >= max(p.min_speed, p.significance * math.sqrt(track[P_VV]))
+    return travel >= p.min_travel and speed >= max(MIN_SPEED, p.significance * math.sqrt(track[P_VV]))
 
 
 @njit(cache=True, error_model="numpy")
-def track_people(ranges, directions, motion, period, state, tracks, memory, clusters, p):
+def track_people(ranges, geometry, motion, period, state, tracks, memory, clusters, p):
     """Update all tracks of people with a lidar scan, in place.
 
     `motion`: base pose relative to the last scan, by odometry; `period`: time since the last scan [s]; `memory`: past
@@ -220,7 +219,7 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
     state[0], state[1], state[2], state[TIME] = x, y, theta, state[TIME] + period
     time, num_tracks, num_scans = state[TIME], int(state[NUM_TRACKS]), int(state[NUM_SCANS])
     lidar = compose(x, y, theta, p.mount_x, p.mount_y, p.mount_yaw)
-    count = join_legs(clusters, find_clusters(ranges, directions, p, clusters), p)
+    count = join_legs(clusters, find_clusters(ranges, geometry, p, clusters))
     state[NUM_CLUSTERS] = count
     c, s = math.cos(theta), math.sin(theta)
     moved = np.zeros(count, dtype=np.int64)
@@ -247,35 +246,35 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
             if track[IS_PERSON] == 0.0 and _judge(track, ranges, lidar, p):
                 track[IS_PERSON] = 1.0
         else:
-            is_gone = look_at_disc(ranges, lidar, track[X], track[Y], track[RADIUS], p.margin, p) == PASSED
-            track[MISSES] += is_gone or _is_doubled(i, tracks, num_tracks, matches, p)
-        patience = p.lost_time if track[IS_PERSON] > 0.0 else p.lost_time / 6.0
-        if track[MISSES] < p.max_misses and time - track[SEEN] <= patience + 1e-9:
+            is_gone = look_at_disc(ranges, lidar, track[X], track[Y], track[RADIUS], MARGIN, p) == PASSED
+            track[MISSES] += is_gone or _is_doubled(i, tracks, num_tracks, matches)
+        patience = LOST_TIME if track[IS_PERSON] > 0.0 else LOST_TIME / 6.0
+        if track[MISSES] < MAX_MISSES and time - track[SEEN] <= patience + 1e-9:
             write_row(tracks[kept], track)
             kept += 1
     for k in range(count):
-        if is_taken[k] or moved[k] < 0 or clusters[k, 4] == SLOPE or clusters[k, 3] < p.min_beams or kept == MAX_TRACKS:
+        if is_taken[k] or moved[k] < 0 or clusters[k, 4] == SLOPE or clusters[k, 3] < MIN_BEAMS or kept == MAX_TRACKS:
             continue
         is_known = False
         for i in range(kept):
             gap = math.hypot(tracks[i, X] - clusters[k, 0], tracks[i, Y] - clusters[k, 1])
-            is_known |= gap < max(tracks[i, RADIUS] + clusters[k, 2], 0.7 * p.step)
+            is_known |= gap < max(tracks[i, RADIUS] + clusters[k, 2], 0.7 * MAX_LEG_GAP)
         if not is_known:
             place = clusters[k, 0], clusters[k, 1]
-            spread = p.position_std**2, 0.0, p.speed_std**2
+            spread = p.position_std**2, 0.0, SPEED_STD**2
             first = (clusters[k, 2], 1.0, 0.0, time, *place, 0.0, state[NUM_BORN], 1.0 * (moved[k] == 1))
             write_row(tracks[kept], (*place, 0.0, 0.0, *spread, *first))
             state[NUM_BORN] += 1.0
             kept += 1
     state[NUM_TRACKS] = kept
-    if num_scans == 0 or time - poses[(num_scans - 1) % len(poses), 3] >= p.interval - 1e-9:
+    if num_scans == 0 or time - poses[(num_scans - 1) % len(poses), 3] >= SCAN_INTERVAL - 1e-9:
         write_row(scans[num_scans % len(poses)], ranges)
         write_row(poses[num_scans % len(poses)], (*lidar, time))
         state[NUM_SCANS] += 1.0
 
 
 @njit(cache=True, error_model="numpy")
-def write_bodies(state, tracks, p, bodies):
+def write_bodies(state, tracks, bodies):
     """Write confirmed and possible people (recently matched tracks) to `bodies`; return their number.
 
     `bodies`: x, y [m], velocity (x, y) [m/s], radius [m], base frame.
@@ -285,25 +284,12 @@ def write_bodies(state, tracks, p, bodies):
     for i in range(int(state[NUM_TRACKS])):
         track = tracks[i]
         is_seen = track[HITS] >= 2.0 and state[TIME] - track[SEEN] <= MAX_UNSEEN_TIME
-        if is_seen or (track[IS_PERSON] > 0.0 and track[P_XX] <= p.max_std**2):
+        if is_seen or (track[IS_PERSON] > 0.0 and track[P_XX] <= MAX_STD**2):
             dx, dy, vx, vy = track[X] - state[0], track[Y] - state[1], track[VX], track[VY]
             place, velocity = (c * dx + s * dy, c * dy - s * dx), (c * vx + s * vy, c * vy - s * vx)
             write_row(bodies[count], (*place, *velocity, max(track[RADIUS], MIN_BODY_RADIUS)))
             count += 1
     return count
-
-
-@njit(cache=True, error_model="numpy")
-def on_people(ranges, directions, people, margin, p, mask):
-    """Write the mask of beams that end within `margin` [m] of a person's outline to `mask`.
-
-    `people`: x, y [m], velocity (x, y) [m/s], radius [m], base frame.
-    """
-    for k in range(ranges.shape[0]):
-        x, y = p.mount_x + ranges[k] * directions[0, k], p.mount_y + ranges[k] * directions[1, k]
-        mask[k] = False
-        for i in range(people.shape[0]):
-            mask[k] |= math.hypot(x - people[i, 0], y - people[i, 1]) <= people[i, 4] + margin
 
 
 class PeopleTracker:
@@ -312,7 +298,7 @@ class PeopleTracker:
     def __init__(self, lidar: LidarParams, period: float, params: TrackerParams = TrackerParams()) -> None:
         """Create a tracker; `period` is the time between scans [s]."""
         self.params, self._period = params, period
-        self._numbers, self._directions = tracker_numbers(lidar, params), lidar.directions
+        self._numbers, self._geometry = tracker_numbers(lidar, params), ScanGeometry.of(lidar)
         num_scans = num_kept_scans(params)
         self._memory = np.empty((num_scans, lidar.num_beams), dtype=np.float32), np.zeros((num_scans, 4))
         self._state, self._tracks = np.zeros(8), np.zeros((MAX_TRACKS, TRACK_SIZE))
@@ -327,14 +313,14 @@ class PeopleTracker:
         `motion`: base pose relative to the last scan, by odometry.
         """
         arrays = self._state, self._tracks, self._memory, self._clusters
-        track_people(ranges, self._directions, tuple(motion), self._period, *arrays, self._numbers)
+        track_people(ranges, self._geometry, tuple(motion), self._period, *arrays, self._numbers)
         return self.people
 
     @property
     def people(self) -> np.ndarray:
         """Confirmed people as x, y [m], ground velocity (x, y) [m/s], radius [m]: shape (n, 5), float64, base frame."""
         tracks = self.tracks
-        tracks = tracks[(tracks[:, IS_PERSON] > 0.0) & (tracks[:, P_XX] <= self.params.max_std**2)]
+        tracks = tracks[(tracks[:, IS_PERSON] > 0.0) & (tracks[:, P_XX] <= MAX_STD**2)]
         pose = Pose2D(*self._state[POSE : POSE + 3].tolist())
         turned = Pose2D(0.0, 0.0, -pose.theta).transform(tracks[:, VX : VY + 1])
         return np.column_stack([pose.inverse().transform(tracks[:, : Y + 1]), turned, tracks[:, RADIUS]])
@@ -343,7 +329,7 @@ class PeopleTracker:
     def bodies(self) -> np.ndarray:
         """Confirmed and possible people (recently matched tracks): shape (n, 5), float64, columns as in `people`."""
         bodies = np.empty((MAX_TRACKS, 5))
-        return bodies[: write_bodies(self._state, self._tracks, self._numbers, bodies)]
+        return bodies[: write_bodies(self._state, self._tracks, bodies)]
 
     @property
     def tracks(self) -> np.ndarray:
@@ -359,11 +345,9 @@ class PeopleTracker:
         bodies = np.empty((0, 5))
         if include > TRACKED:
             clusters = self._clusters[: int(self._state[NUM_CLUSTERS])]
-            is_body = (clusters[:, 4] != SLOPE) & (clusters[:, 3] >= self.params.min_beams)
+            is_body = (clusters[:, 4] != SLOPE) & (clusters[:, 3] >= MIN_BEAMS)
             clusters = clusters[is_body & ((clusters[:, 5] == 0.0) | (include == LARGE_ENOUGH))]
             pose = Pose2D(*self._state[POSE : POSE + 3].tolist()).inverse()
             bodies = np.zeros((len(clusters), 5))
             bodies[:, :2], bodies[:, 4] = pose.transform(clusters[:, :2]), clusters[:, 2]
-        mask = np.empty(len(ranges), dtype=np.bool_)
-        on_people(ranges, self._directions, np.vstack([self.people, bodies]), margin, self._numbers, mask)
-        return mask
+        return are_on_bodies(scan_ends(ranges, self._geometry), np.vstack([self.people, bodies]), margin)

@@ -8,11 +8,11 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
+from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.distance_transform import MAX_REACH, squared_distances
 from lidarnaut.envs.geometry.lookup import load
 from lidarnaut.envs.robots import LidarParams
-from lidarnaut.envs.slam.scans import ScanGeometry, project_hits
 from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 from .amcl_params import AmclParams

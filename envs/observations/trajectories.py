@@ -8,16 +8,17 @@ from gymnasium import spaces
 from numba import njit
 
 from lidarnaut.envs.estimation.scan_clusters import CLUSTER_SIZE
+from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, beam_end, is_on_body
 from lidarnaut.envs.estimation.tracking import (
     MAX_CLUSTERS,
     MAX_TRACKS,
+    SENSITIVE_TRACKER,
     TRACK_SIZE,
     num_kept_scans,
     track_people,
     tracker_numbers,
     write_bodies,
 )
-from lidarnaut.envs.navigation.goals.goal_navigator import SENSITIVE_TRACKER
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
@@ -42,7 +43,8 @@ SMALL_GAP = 0.1
 """Gap to walls that is normalized to 1 [m]; larger gaps are clipped."""
 MAX_POINTS, MAX_RANGE = 120, 6.0
 """Maximum number and maximum range [m] of lidar end points that count as walls."""
-PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
+MIN_WALKING_SPEED = 0.5
+"""People slower than this count as walls [m/s]."""
 WALL_MARGIN = 0.02
 """Safety margin around the footprint in predicted wall contacts [m]; smaller if the robot is already closer."""
 REAR_ANGLE = 0.35
@@ -53,14 +55,14 @@ FAST = {"nnan", "reassoc", "contract"}  # infinity is used
 
 
 @njit(cache=True, error_model="numpy")
-def find_walls(ranges, frame, people, points):
+def find_walls(ranges, geometry, people, points):
     """Write points on walls, seen by a scan, to `points`, shape (2, MAX_POINTS), base frame [m]; return their number.
 
-    Each group of adjacent beams gives its nearest end point, unless on a walking person. `frame`: lidar x, y, and unit
-    vectors of beams, shape (2, n), base frame. `people`: x, y, vx, vy, radius, shape (m, 5), base frame [m, m/s].
+    Each group of adjacent beams gives its nearest end point, unless on a walking person. `people`: x, y, vx, vy,
+    radius, shape (m, 5), base frame [m, m/s].
     """
-    mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
+    walking = people[people[:, 2] ** 2 + people[:, 3] ** 2 >= MIN_WALKING_SPEED * MIN_WALKING_SPEED]
     group = -(-num_beams // MAX_POINTS)
     for first in range(0, num_beams, group):
         nearest, beam = MAX_RANGE, -1
@@ -69,13 +71,8 @@ def find_walls(ranges, frame, people, points):
                 nearest, beam = float(ranges[k]), k
         if beam < 0:
             continue
-        x, y = mount_x + nearest * directions[0, beam], mount_y + nearest * directions[1, beam]
-        is_wall = True
-        for i in range(people.shape[0]):
-            reach = people[i, 4] + PERSON_MARGIN
-            walks = people[i, 2] ** 2 + people[i, 3] ** 2 >= MIN_WALKING_SPEED * MIN_WALKING_SPEED
-            is_wall &= not walks or (x - people[i, 0]) ** 2 + (y - people[i, 1]) ** 2 >= reach * reach
-        if is_wall:
+        x, y = beam_end(nearest, beam, geometry)
+        if not is_on_body(x, y, walking, BODY_MARGIN):
             points[0, count], points[1, count] = x, y
             count += 1
     return count
@@ -196,7 +193,7 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
 
 @njit(cache=True, error_model="numpy")
-def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twists, out):
+def write_trajectories(rows, ranges, memory, active, geometry, limits, tracker, twists, out):
     """Update people trackers by the last scans; write the observation `Trajectories` to `out`, shape (n, 66, 8).
 
     `memory`: arrays of the people trackers, one row per robot: state, tracks, past scans, lidar poses.
@@ -211,10 +208,10 @@ def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twi
         if row[at.STEPS] != state[STEPS]:
             kept = all_scans[i].reshape(-1, ranges.shape[1]), all_poses[i].reshape(-1, 4)
             motion = row[at.ODOMETRY], row[at.ODOMETRY + 1], row[at.ODOMETRY + 2]
-            track_people(ranges[i], frame[2], motion, row[at.PERIOD], state, tracks, kept, clusters, tracker)
+            track_people(ranges[i], geometry, motion, row[at.PERIOD], state, tracks, kept, clusters, tracker)
             state[STEPS] = row[at.STEPS]
-        found = people[: write_bodies(state, tracks, tracker, people)]
-        count = find_walls(ranges[i], frame, found, points)
+        found = people[: write_bodies(state, tracks, people)]
+        count = find_walls(ranges[i], geometry, found, points)
         now = row[at.TWIST_V], row[at.TWIST_W]
         predict_outcomes(now, limits, points[:, :count], found, twists, out[i])
 
@@ -239,9 +236,8 @@ class Trajectories(RowPart):
         params, lidar, memory = robot.params, robot.params.lidar, robot._rows.remember
         sees_behind = bool(lidar.directions[0].min() < -math.cos(REAR_ANGLE))
         limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind
-        frame = lidar.mount.x, lidar.mount.y, lidar.directions
         twists = np.array(SPEEDS, np.float32), np.array(TURNS, np.float32)
-        self._fixed = frame, limits, tracker_numbers(lidar, SENSITIVE_TRACKER), twists
+        self._fixed = ScanGeometry.of(lidar), limits, tracker_numbers(lidar, SENSITIVE_TRACKER), twists
         num_scans = num_kept_scans(SENSITIVE_TRACKER)
         self._memory = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
         sizes = STATE, MAX_TRACKS * TRACK_SIZE, num_scans * lidar.num_beams, num_scans * 4

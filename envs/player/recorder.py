@@ -94,7 +94,7 @@ class EpisodeRecorder:
         env, robot = self._env, self._env.robots[0]
         truth, pose = env.truths[0], robot.belief.pose
         ranges = robot.reading.ranges[self._beams] * (RANGE_STEPS / robot.params.lidar.range_max)
-        people = env.simulator.people[:, [0, 1, 3, 4]].ravel().tolist()
+        people = env.simulator.people[:, :4].ravel().tolist()
         for x, y, theta, v, _ in (np.concatenate(peer.state).tolist() for peer in env.truths[1:]):
             people += [x, y, v * math.cos(theta), v * math.sin(theta)]
         self._samples.append(
@@ -128,7 +128,7 @@ class EpisodeRecorder:
         floor = np.zeros((1, 1)) if area is None else area.explorable
         frame = (1.0, (0.0, 0.0)) if area is None else (area.walls.resolution, tuple(map(float, area.walls.origin)))
         kinds = [BODY_KINDS[int(kind)] for kind in env.simulator.crowd.rows[:, KIND]]
-        radii = env.simulator.people[:, 2].tolist() + [env.robot.radius] * (len(env.robots) - 1)
+        radii = env.simulator.people[:, 4].tolist() + [env.robot.radius] * (len(env.robots) - 1)
         map_shape, map_origin, cells, changes, map_ends = self._map.arrays()
         facts = {
             "explorer": type(self._explorer).__name__ if self._explorer is not None else "",

@@ -7,6 +7,7 @@ import numpy as np
 import pygame
 from scipy import ndimage
 
+from lidarnaut.envs.estimation.scan_points import ScanGeometry, scan_ends
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation.frontiers.frontiers import frontier_mask
 from lidarnaut.envs.robots import RobotParams
@@ -43,7 +44,7 @@ _PALETTE = _palette()
 def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
     """Draw the ground truth: world, people, goal, robots with beams and paths."""
     surface.blit(_static(scene.world, view.size), (0, 0))
-    for person in scene.people[:, [0, 1, 3, 4, 2]]:
+    for person in scene.people:
         _draw_person(surface, view, person, width=0)
     if scene.goal is not None:
         _draw_goal(surface, view, scene.start.compose(scene.goal))
@@ -79,9 +80,9 @@ def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.
 
     Both are in the frame of `pose`. Beams without an echo end at the maximum range, invalid beams at the lidar.
     """
-    lidar, mount = robot.lidar, (robot.lidar.mount.x, robot.lidar.mount.y)
-    lengths = np.nan_to_num(ranges.astype(np.float64), nan=0.0, posinf=lidar.range_max)
-    return pose.transform(np.array([mount]))[0], pose.transform(mount + (lengths * lidar.directions).T)
+    lengths = np.nan_to_num(ranges.astype(np.float64), nan=0.0, posinf=robot.lidar.range_max)
+    mount = np.array([(robot.lidar.mount.x, robot.lidar.mount.y)])
+    return pose.transform(mount)[0], pose.transform(scan_ends(lengths, ScanGeometry.of(robot.lidar)))
 
 
 @lru_cache(maxsize=8)

@@ -35,7 +35,7 @@ class Scene:
     start: Pose2D
     """Pose of the map frame in the world frame."""
     people: np.ndarray
-    """True people: x, y, radius [m], vx, vy [m/s], shape (n, 5), float64, world frame."""
+    """True people: x, y [m], vx, vy [m/s], radius [m], shape (n, 5), float64, world frame."""
     tracks: np.ndarray
     """Tracked people: x, y, vx, vy, radius, shape (n, 5), map frame [m, m/s]."""
     belief: Belief

@@ -112,7 +112,7 @@ class BulletSimulator(Simulator):
             deterministicOverlappingPairs=1,
         )
         bullet.setGravity(0.0, 0.0, -GRAVITY)
-        self._people = build_world(bullet, world, self.crowd.states[:, 2])
+        self._people = build_world(bullet, world, self.crowd.states[:, 4])
         self._nearby = NearbyWalls(bullet, world, self._reach) if has_many_walls(world) else None
         for robot in self.robots:
             robot.build(bullet, world)

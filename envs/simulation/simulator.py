@@ -54,7 +54,7 @@ class Simulator(ABC):
 
     @property
     def people(self) -> np.ndarray:
-        """True states of people, shape (n, 5), float64: x, y, radius [m], vx, vy [m/s], world frame."""
+        """True states of people, shape (n, 5), float64: x, y [m], vx, vy [m/s], radius [m], world frame."""
         return self.crowd.states
 
     def reset(

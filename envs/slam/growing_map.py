@@ -3,10 +3,11 @@ import math
 import numpy as np
 
 from lidarnaut.envs.estimation import Correction, MapUpdate
+from lidarnaut.envs.estimation.scan_points import ScanGeometry
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Window
 from lidarnaut.envs.robots import LidarParams
 
-from .scans import ScanGeometry, scans_window
+from .scans import scans_window
 from .slam_params import SlamParams
 
 MAX_CELLS = 1 << 27

@@ -5,6 +5,7 @@ import numpy as np
 from numba import njit
 
 from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
+from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.geometry.rows import GrowingArray
@@ -13,7 +14,7 @@ from lidarnaut.envs.simulation import Reading
 
 from .log_odds_map import LOG_ODDS_UNIT, LogOddsMap
 from .matcher import MatcherObserver
-from .scans import ScanGeometry, check_scan, median_ranges, project_hits
+from .scans import check_scan, median_ranges
 
 
 @njit(cache=True, error_model="numpy")
@@ -41,7 +42,7 @@ class KeyScans:
     """Store of lidar scans and base poses."""
 
     def __init__(self, lidar: LidarParams) -> None:
-        self._geometry = ScanGeometry.of(lidar, 1.0)
+        self._geometry = ScanGeometry.of(lidar)
         self._ranges = GrowingArray((lidar.num_beams,), np.float32, 256)
         self._poses = GrowingArray((3,), np.float64, 256)
 

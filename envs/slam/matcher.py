@@ -5,11 +5,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numba import njit
 
+from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.lookup import load
 
 from .grid_map import COUNT_BITS, unvisited_word
-from .scans import project_hits
 from .slam_params import TinySlamParams
 
 

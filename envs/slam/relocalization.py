@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarnaut.envs.estimation import ORIGIN
+from lidarnaut.envs.estimation.scan_points import ScanGeometry
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
@@ -19,7 +20,6 @@ from lidarnaut.envs.robots import LidarParams
 from .key_scans import KeyScans, has_moved
 from .matching.branch_and_bound import NO_EXCLUSION, SearchResult, SearchWindow, angle_step, search
 from .matching.fields import Field, HitShares, Pyramid, build_pyramid, count_crossings, hit_shares, is_accepted
-from .scans import ScanGeometry
 from .slam_params import LoopClosureParams
 
 NUM_SCANS = 20
@@ -69,7 +69,7 @@ class LocalizationMonitor:
         Without odometry, one fitting scan ends the lost state.
         """
         self._lost_scans, self._has_odometry = lost_scans, has_odometry
-        self._geometry = ScanGeometry.of(lidar, 1.0)
+        self._geometry = ScanGeometry.of(lidar)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
         """Whether the robot tracks people; beams through occupied cells are then ignored."""
@@ -143,7 +143,7 @@ class Relocalizer:
     """Search for the pose of a lost robot on its map, with the scans since the loss."""
 
     def __init__(self, lidar: LidarParams) -> None:
-        self._lidar, self._geometry = lidar, ScanGeometry.of(lidar, 1.0)
+        self._lidar, self._geometry = lidar, ScanGeometry.of(lidar)
         self.reset()
 
     def reset(self) -> None:

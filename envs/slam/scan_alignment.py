@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from lidarnaut.envs.estimation.scan_points import ScanGeometry, scan_ends
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.robots import LidarParams
 
@@ -32,8 +33,8 @@ def align_scans(ranges: np.ndarray, poses: np.ndarray, lidar: LidarParams, itera
         lidar: beam geometry.
         iterations: number of Gauss-Newton steps.
     """
-    scan, beam = np.nonzero(np.isfinite(ranges))
-    points = ranges[scan, beam] * lidar.directions[:, beam] + [[lidar.mount.x], [lidar.mount.y]]
+    geometry, is_hit = ScanGeometry.of(lidar), (ranges > 0.0) & (ranges < lidar.range_max)
+    scan, points = np.nonzero(is_hit)[0], np.array([scan_ends(row, geometry) for row in ranges])[is_hit].T
     aligned = poses.astype(np.float64)
     for k in range(iterations):
         c, s = np.cos(aligned[scan, 2]), np.sin(aligned[scan, 2])

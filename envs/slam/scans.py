@@ -1,5 +1,4 @@
 import math
-from typing import NamedTuple, Self
 
 import numpy as np
 from numba import njit
@@ -10,25 +9,6 @@ from lidarnaut.envs.robots import LidarParams
 SIDE_START = (1 << 31) - 1
 MAX_NEIGHBOURS = 15
 """Maximum number of beams on each side of a beam in a median filter."""
-
-
-class ScanGeometry(NamedTuple):
-    """Lidar beam geometry and map resolution."""
-
-    directions: np.ndarray
-    """Cosine and sine of beam directions in the base frame, shape (2, num_beams), float64."""
-    mount_x: float
-    """Lidar position along x in the base frame [m]."""
-    mount_y: float
-    range_max: float
-    """Maximum range [m]; readings from this range on mean no return."""
-    resolution: float
-    skip_exceeding: bool = False
-
-    @classmethod
-    def of(cls, lidar: LidarParams, resolution: float, skip_exceeding: bool = False) -> Self:
-        mount = float(lidar.mount.x), float(lidar.mount.y)
-        return cls(lidar.directions, *mount, float(lidar.range_max), float(resolution), skip_exceeding)
 
 
 def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.ndarray:
@@ -58,23 +38,6 @@ def median_ranges(ranges, increment, width):
             half = min(int(0.5 * width / (ranges[k] * increment)), MAX_NEIGHBOURS, k, last - k)
             out[k] = np.nanmedian(ranges[k - half : k + half + 1])
     return out
-
-
-@njit(cache=True, error_model="numpy")
-def project_hits(ranges, geometry, points):
-    """Convert a scan to points, base frame [cells]; return the number of points.
-
-    `ranges`: shape (num_beams,), float32 [m]; values in (0, range_max) give points. `points` receives them, shape (2,
-    num_beams), float32.
-    """
-    count = 0
-    for k in range(ranges.shape[0]):
-        r = ranges[k]
-        if r > 0.0 and r < geometry.range_max:
-            points[0, count] = (geometry.mount_x + r * geometry.directions[0, k]) / geometry.resolution
-            points[1, count] = (geometry.mount_y + r * geometry.directions[1, k]) / geometry.resolution
-            count += 1
-    return count
 
 
 @njit(cache=True, error_model="numpy")

@@ -3,6 +3,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lidarnaut.envs.estimation import ORIGIN, Belief
+from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
@@ -15,7 +16,6 @@ from .matching.covariance import NoiseRecord, motion_stds
 from .matching.gauss_newton import known_score_at
 from .matching.scan_matcher import WINDOW_STDS
 from .relocalization import LocalizationMonitor
-from .scans import project_hits
 from .slam_params import TinySlamParams
 
 WIDE_SPREAD = (0.3, 0.2)

@@ -103,8 +103,8 @@ class BagRecorder:
         write("/scan", time, scan)
         for sensor in self._env.sensors:
             write(_topic(sensor), time, messages.numbers(np.asarray(reading.extra[sensor.name])))
-        people = self._env.simulator.people[:, [0, 1, 3, 4, 2]]
-        for topic, found in ((TRACKS, self._env.tracks), (PEOPLE, people_in(people, self._env.map_pose.inverse()))):
+        people = people_in(self._env.simulator.people, self._env.map_pose.inverse())
+        for topic, found in ((TRACKS, self._env.tracks), (PEOPLE, people)):
             if len(found):
                 write(topic, time, messages.people(time, found))
         write("/odom", time, messages.odometry(time, self._odometry, twist))

@@ -12,6 +12,8 @@ from lidarnaut.envs.estimation.tracking import (
     P_VV,
     P_XV,
     P_XX,
+    SENSITIVE_TRACKER,
+    SPEED_STD,
     TRACK_SIZE,
     VX,
     VY,
@@ -25,7 +27,6 @@ from lidarnaut.envs.estimation.tracking import (
 )
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.raycast import cast_rays
-from lidarnaut.envs.navigation.goals.goal_navigator import SENSITIVE_TRACKER
 from lidarnaut.envs.robots import LidarParams, Mount
 
 LIDAR = LidarParams(num_beams=360, range_max=12.0, range_min=0.12, noise_std=0.01, mount=Mount(x=-0.05, yaw=0.3))
@@ -270,9 +271,9 @@ def test_the_filter_is_that_of_kalman():
     params, dt, rng = TrackerParams(), 0.1, np.random.default_rng(6)
     numbers = tracker_numbers(LIDAR, params)
     track = np.zeros(TRACK_SIZE)
-    track[[X, Y, P_XX, P_VV]] = 1.0, 2.0, params.position_std**2, params.speed_std**2
+    track[[X, Y, P_XX, P_VV]] = 1.0, 2.0, params.position_std**2, SPEED_STD**2
     mean = np.array([1.0, 2.0, 0.0, 0.0])
-    covariance = np.diag([params.position_std**2] * 2 + [params.speed_std**2] * 2)
+    covariance = np.diag([params.position_std**2] * 2 + [SPEED_STD**2] * 2)
     move = np.eye(4) + dt * np.eye(4, k=2)
     one, q = np.eye(2), params.acceleration
     noise = q * np.block([[dt**3 / 3 * one, dt**2 / 2 * one], [dt**2 / 2 * one, dt * one]])

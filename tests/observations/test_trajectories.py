@@ -5,6 +5,7 @@ import pytest
 from gymnasium.vector import SyncVectorEnv
 
 from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation.scan_points import ScanGeometry
 from lidarnaut.envs.observations.trajectories import (
     DECAY_TIME,
     END,
@@ -184,15 +185,15 @@ def test_backwards_is_blocked_where_the_lidar_does_not_see():
 
 def test_points_on_who_walks_are_no_walls():
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
-    frame = 0.0, 0.0, np.array([np.cos(angles), np.sin(angles)])
+    geometry = ScanGeometry(np.array([np.cos(angles), np.sin(angles)]), 0.0, 0.0, 12.0)
     ranges = np.full(360, np.inf, dtype=np.float32)
     ranges[170:190], ranges[90] = 1.7, 1.0
     points = np.empty((2, 120))
-    assert find_walls(ranges, frame, NOBODY, points) > 1
-    assert find_walls(ranges, frame, np.array([(2.0, 0.0, 1.0, 0.0, 0.3)]), points) == 1
+    assert find_walls(ranges, geometry, NOBODY, points) > 1
+    assert find_walls(ranges, geometry, np.array([(2.0, 0.0, 1.0, 0.0, 0.3)]), points) == 1
     np.testing.assert_allclose(points[:, 0], (0.0, -1.0), atol=1e-6)
     pillar = np.array([(2.0, 0.0, 0.2, 0.0, 0.3)])
-    assert find_walls(ranges, frame, pillar, points) > 1
+    assert find_walls(ranges, geometry, pillar, points) > 1
 
 
 def test_to_be_written_twice_changes_nothing():

@@ -61,7 +61,7 @@ def test_a_person_stops_at_a_robot_and_walks_on_when_it_has_left(physics):
     assert touched[-1]
     assert not touched[0]
     assert math.hypot(*simulator.states[0].pose[:2]) < 0.01, "nobody pushes a robot"
-    (x, y, radius, vx, vy), (contact,) = simulator.people[0], simulator.contacts
+    (x, y, vx, vy, radius), (contact,) = simulator.people[0], simulator.contacts
     assert robot.radius + radius <= math.hypot(x, y) < robot.radius + radius + 0.05
     assert (vx, vy) == (0.0, 0.0)
     assert (contact.kind, contact.by) == ("person", "other")

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits
 from lidarnaut.envs.slam.grid_map import FULL_OCCUPANCY, unvisited_word
 from lidarnaut.envs.slam.matcher import SearchParams, match
-from lidarnaut.envs.slam.scans import ScanGeometry, project_hits
 
 from . import reference
 

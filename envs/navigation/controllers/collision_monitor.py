@@ -3,7 +3,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.navigation.maps.obstacles import scan_points, stoppable_share
+from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits
+from lidarnaut.envs.navigation.maps.obstacles import stoppable_share
 from lidarnaut.envs.robots import RobotParams
 
 BRAKING = 0.5
@@ -15,11 +16,11 @@ NUM_PASSES = 2
 
 
 @njit(cache=True, error_model="numpy")
-def _slow_down(commands, ranges, active, directions, mount, radius, braking, period):
+def _slow_down(commands, ranges, active, geometry, radius, braking, period):
     points = np.empty((ranges.shape[1], 2))
     for k in range(commands.shape[0]):
         if active[k]:
-            count = scan_points(ranges[k], directions, mount, points)
+            count = project_hits(ranges[k], geometry, points.T)
             for _ in range(NUM_PASSES):
                 v, w = commands[k, 0], commands[k, 1]
                 commands[k, 0] = v * stoppable_share(points[:count], v, w, radius, braking, period)
@@ -33,9 +34,8 @@ class CollisionMonitor:
     """
 
     def __init__(self, robot: RobotParams, period: float) -> None:
-        lidar = robot.lidar
-        mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
-        self._numbers: Any = lidar.directions, mount, robot.radius + STOP_MARGIN, BRAKING * robot.max_acc_v, period
+        geometry = ScanGeometry.of(robot.lidar)
+        self._numbers: Any = geometry, robot.radius + STOP_MARGIN, BRAKING * robot.max_acc_v, period
 
     def slow_down(self, commands: np.ndarray, ranges: np.ndarray, active: np.ndarray) -> None:
         """Limit the forward speeds of commands in place.

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from lidarnaut.envs.estimation.scan_points import without_bodies
 from lidarnaut.envs.geometry import OCCUPIED, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
@@ -22,7 +23,6 @@ from lidarnaut.envs.navigation.controllers.critics import (
 )
 from lidarnaut.envs.navigation.controllers.regulated_pursuit import NEAREST_WINDOW, nearest_index
 from lidarnaut.envs.navigation.maps.costmap import CostmapParams, inflate
-from lidarnaut.envs.navigation.maps.obstacles import without_people
 from lidarnaut.envs.navigation.maps.planning_params import DwbParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
@@ -76,7 +76,7 @@ class DwbPlanner:
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         params = self._params
         self._index = nearest_index(self._path, pose.x, pose.y, self._index, NEAREST_WINDOW)
-        costs, squared = self._look(without_people(obstacles, self.tracks))
+        costs, squared = self._look(without_bodies(obstacles, self.tracks))
         to_goal = self._measure(pose, costs)
         self._allow_turning_back(pose)
         steps = params.sim_time, params.linear_granularity, params.angular_granularity

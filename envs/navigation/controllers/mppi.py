@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from lidarnaut.envs.estimation.scan_points import without_bodies
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
 from lidarnaut.envs.navigation.controllers.regulated_pursuit import NEAREST_WINDOW, nearest_index
-from lidarnaut.envs.navigation.maps.obstacles import stoppable_share, without_people
+from lidarnaut.envs.navigation.maps.obstacles import stoppable_share
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
@@ -226,7 +227,7 @@ class MppiPlanner:
         return share * v, share * w
 
     def _look(self, obstacles: np.ndarray) -> np.ndarray:
-        points = without_people(obstacles, self.tracks)
+        points = without_bodies(obstacles, self.tracks)
         cells = np.floor(points / self._params.resolution + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
         data = np.zeros((self._side, self._side), dtype=np.bool_)

@@ -15,6 +15,7 @@ import numpy as np
 
 from lidarnaut.envs.estimation import ORIGIN, Correction
 from lidarnaut.envs.estimation.motion import make_motion_source
+from lidarnaut.envs.estimation.scan_points import ScanGeometry
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation.controllers.navigator_kernels import (
     NAVIGATOR,
@@ -41,7 +42,7 @@ class NavigatorArrays(NamedTuple):
     records: np.ndarray
     path: np.ndarray
     obstacles: np.ndarray
-    directions: np.ndarray
+    geometry: ScanGeometry
     numbers: np.ndarray
 
 
@@ -59,8 +60,7 @@ class Navigator:
         """Create a navigator; `max_time`: time limit of a drive [s], not checked during recovery behaviors."""
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
-        angles = robot.lidar.angles + robot.lidar.mount.yaw
-        self._directions = np.vstack([np.cos(angles), np.sin(angles)])
+        self._geometry = ScanGeometry.of(robot.lidar)
         self._odometry = make_motion_source(robot, control_period)
         self._records = np.zeros(1, dtype=NAVIGATOR)
         self._obstacles = np.empty((MAX_REMEMBERED + BUMP_POINTS + robot.lidar.num_beams + MAX_OTHERS, 2))
@@ -86,7 +86,7 @@ class Navigator:
 
     @property
     def arrays(self) -> NavigatorArrays:
-        return NavigatorArrays(self._records, self._path, self._obstacles, self._directions, self._numbers)
+        return NavigatorArrays(self._records, self._path, self._obstacles, self._geometry, self._numbers)
 
     @property
     def plan(self) -> np.ndarray | None:
@@ -109,6 +109,11 @@ class Navigator:
     def note_command(self, twist: Twist) -> None:
         """Record a velocity command sent instead of the result of `command`."""
         self.record["forward"] = int(twist.v >= 0.0)
+
+    @property
+    def visible(self) -> np.ndarray:
+        """Points of the last scan, in the order of beams, shape (n, 2), float64, base frame [m]."""
+        return self._obstacles[self.record["num_remembered"] : self.record["num_seen"]]
 
     @property
     def obstacles(self) -> np.ndarray:
@@ -187,7 +192,7 @@ class Navigator:
         """
         self.motion = motion = self._odometry.update(reading)
         self.velocity = Twist(motion.x / self._period, motion.theta / self._period)
-        state, sensors = (self._records, self._obstacles), (reading.ranges, self._directions, reading.bumper)
+        state, sensors = (self._records, self._obstacles), (reading.ranges, self._geometry, reading.bumper)
         update_obstacles(*state, sensors, tuple(motion), others[:MAX_OTHERS], self._numbers)
 
     def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:

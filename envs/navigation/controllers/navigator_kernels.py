@@ -2,7 +2,7 @@
 
 - `navigators`: state, shape (1,), dtype `NAVIGATOR`. `constants`: shape (1,), fields of `navigator_numbers`.
 - `obstacles`: points, shape (n, 2), base frame [m], `num_obstacles` of them valid. `others`: points on other robots.
-- `sensors`: ranges as in `Reading`, beam directions (shape (2, num_beams): cosine, sine; base frame), bumper.
+- `sensors`: ranges as in `Reading`, `ScanGeometry`, bumper.
 - `motion`: base pose relative to the last call. `pose`: pose estimate, map frame [m, rad].
 """
 
@@ -11,10 +11,11 @@ import math
 import numpy as np
 from numba import njit
 
+from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.controllers.regulated_pursuit import FOLLOWER_FIELDS, follow, follower_numbers, turn_rate
-from lidarnaut.envs.navigation.maps.obstacles import add_bump, forget_inside, free_distance, remember, scan_points
+from lidarnaut.envs.navigation.maps.obstacles import add_bump, forget_inside, free_distance, remember
 from lidarnaut.envs.navigation.maps.planning_params import NavigatorParams
 from lidarnaut.envs.robots import RobotParams
 
@@ -99,7 +100,7 @@ def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
     points inside the footprint, since points of several contacts would enclose a turning robot.
     """
     record, numbers = navigators[0], constants[0]
-    ranges, directions, bumper = sensors
+    ranges, geometry, bumper = sensors
     kept = remember(obstacles, record.num_remembered, record.num_seen, motion, numbers)
     if bumper and record.pressed == 0:
         kept -= forget_inside(obstacles, kept, kept, numbers.radius)
@@ -107,7 +108,7 @@ def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
         record.marked = 1
     record.pressed = 1 if bumper else 0
     record.num_remembered = kept
-    count = scan_points(ranges, directions, numbers.mount, obstacles[kept:])
+    count = project_hits(ranges, geometry, obstacles[kept:].T)
     record.num_seen = kept + count
     record.num_obstacles = kept + count + others.shape[0]
     for k in range(others.shape[0]):

@@ -80,7 +80,7 @@ class DockNavigator(GoalNavigator):
                 self._to_dock = belief.pose.between(self._docked)
             return twist
         self._sense(reading, belief.pose)
-        self._to_dock = to_dock = self._locate(reading.ranges, self._navigator.motion.between(self._to_dock))
+        self._to_dock = to_dock = self._locate(self._navigator.motion.between(self._to_dock))
         if self._is_backing:
             self._is_backing = to_dock.x < STAGING_DISTANCE
             return Twist(-MAX_SPEED, 0.0)
@@ -96,11 +96,9 @@ class DockNavigator(GoalNavigator):
             self.end_reason = "not_charging" if self._num_retries > MAX_RETRIES else None
         return STOP
 
-    def _locate(self, ranges: np.ndarray, expected: Pose2D) -> Pose2D:
-        lidar, is_hit = self._robot.lidar, np.isfinite(ranges)
+    def _locate(self, expected: Pose2D) -> Pose2D:
         to_front = Pose2D(self._robot.radius + DOCK_GAP, 0.0, 0.0)
-        points = (ranges[is_hit] * lidar.directions[:, is_hit]).T + (lidar.mount.x, lidar.mount.y)
-        found = find_front(points, expected.compose(to_front))
+        found = find_front(self._navigator.visible, expected.compose(to_front))
         if found is None or found[1] < self._width - WIDTH_ERROR:  # a part of the front
             return expected
         self._num_found = 1 if found[1] > self._width + WIDTH_ERROR else self._num_found + 1

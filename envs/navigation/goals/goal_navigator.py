@@ -12,7 +12,7 @@ from pydantic import NonNegativeFloat, NonNegativeInt
 from pydantic.dataclasses import dataclass
 
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.estimation.tracking import PeopleTracker, TrackerParams
+from lidarnaut.envs.estimation.tracking import SENSITIVE_TRACKER, PeopleTracker
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.navigation.controllers.dwb import DwbPlanner
@@ -36,17 +36,6 @@ UNKNOWN_MARGIN, MAX_UNKNOWN_MARGIN = 3.0, 12.0
 """Initial and maximum width of unknown space around map, goal and robot that paths may cross [m]."""
 MIN_EDGE_DISTANCE = 1.0
 """Distance of the robot from the map edge that triggers a map extension [m]."""
-SENSITIVE_TRACKER = TrackerParams(
-    min_travel=0.25,
-    hidden_travel=0.4,
-    position_std=0.04,
-    acceleration=1.5,
-    memory=6.0,
-    stood_hits=3,
-    static_hits=4,
-    body_radius=0.3,
-)
-"""Sensitive settings of the people tracker for local planning: a missed person is worse than a false positive."""
 NO_TRACKS = np.empty((0, 5))
 EXIT_REACH = 1.5
 """Maximum length of a straight path out of a mapped obstacle [m]."""

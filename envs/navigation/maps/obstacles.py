@@ -17,22 +17,6 @@ BUMP_POINTS = 5
 
 
 @njit(cache=True, error_model="numpy")
-def scan_points(ranges, directions, mount, points):
-    """Write the end points of beams with a return to `points`, base frame [m]; return their number.
-
-    `ranges`: shape (num_beams,) [m]. `directions`: cosine and sine of beam angles, base frame, shape (2, num_beams).
-    `mount`: lidar pose in the base frame (x, y, yaw).
-    """
-    count = 0
-    for beam in range(ranges.shape[0]):
-        if 0.0 < ranges[beam] < np.inf:
-            points[count, 0] = mount[0] + ranges[beam] * directions[0, beam]
-            points[count, 1] = mount[1] + ranges[beam] * directions[1, beam]
-            count += 1
-    return count
-
-
-@njit(cache=True, error_model="numpy")
 def remember(points, num_remembered, num_points, motion, numbers):
     """Move obstacle points by the robot's motion; keep only points that the lidar no longer sees.
 
@@ -140,11 +124,3 @@ def stoppable_share(points, v, w, radius, braking, period):
     delay = braking * period
     free = free_distance(points, w / v, radius, v * period + 0.5 * v * abs(v) / braking)
     return min(1.0, (math.sqrt(delay**2 + 2.0 * braking * free) - delay) / max(abs(v), MIN_SPEED))
-
-
-def without_people(points, people, margin=0.15):
-    """Return the points farther than `margin` [m] from people, shape (k, 2), base frame [m]."""
-    if not len(people):
-        return points
-    gaps = np.hypot(*(points[:, None] - people[:, :2]).transpose(2, 0, 1)) - people[:, 4]
-    return points[(gaps > margin).all(axis=1)]

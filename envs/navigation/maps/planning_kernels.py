@@ -64,11 +64,15 @@ def obstacle_cells(points, marking_range, pose, origin, side):
 
 
 @njit(cache=True, error_model="numpy")
-def clear_beams(marks, x, y, angles, lengths):
-    """Mark the cells along lidar beams as free. `x`, `y`: start of the beams [cells]. `lengths`: in cells."""
+def clear_beams(marks, start, ends, origin, side):
+    """Mark the cells along lidar beams as free.
+
+    `start`: lidar position; `ends`: ends of beams, shape (n, 2), map frame [m]. `origin`, `side`: see `obstacle_cells`.
+    """
     height, width = marks.shape
-    for k in range(len(angles)):
-        walk = start_walk(x, y, x + lengths[k] * math.cos(angles[k]), y + lengths[k] * math.sin(angles[k]))
+    x, y = (start[0] - origin[0]) / side, (start[1] - origin[1]) / side
+    for k in range(len(ends)):
+        walk = start_walk(x, y, (ends[k, 0] - origin[0]) / side, (ends[k, 1] - origin[1]) / side)
         while 0 <= walk.row < height and 0 <= walk.col < width:
             marks[walk.row, walk.col] = FREE
             if walk.rows_left + walk.cols_left == 0:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits, scan_ends
 from lidarnaut.envs.geometry import NO_WINDOW, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.geometry.occupancy_grid import known_window
 from lidarnaut.envs.navigation.frontiers.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
@@ -191,17 +192,15 @@ class PlanningMap:
         if ranges.shape != (lidar.num_beams,):
             raise ValueError(f"ranges must have shape ({lidar.num_beams},), got {ranges.shape}")
         self.refresh()
-        x, y, theta = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
-        is_valid = ranges >= 0.0
-        angles, ranges = theta + lidar.angles[is_valid], ranges[is_valid].astype(np.float64)
+        geometry, points = ScanGeometry.of(lidar), np.empty((2, lidar.num_beams))
+        x, y, _ = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, 0.0))
         # A map cell of margin, so that range noise does not clear walls.
-        lengths = np.minimum(ranges - self.side / self.block, self.params.clearing_range) / self.side
-        col, row = (x - self.origin[0]) / self.side, (y - self.origin[1]) / self.side
-        clear_beams(self.marks, col, row, angles[lengths > 0.0], lengths[lengths > 0.0])
-        is_hit = ranges <= self.params.marking_range
-        angles, ranges = angles[is_hit], ranges[is_hit]
-        points = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])
-        self.mark(points)
+        lengths = np.minimum(ranges.astype(np.float64) - self.side / self.block, self.params.clearing_range)
+        ends = pose.transform(scan_ends(lengths, geometry)[lengths > 0.0])
+        clear_beams(self.marks, (x, y), ends, self.origin, self.side)
+        near = geometry._replace(range_max=min(self.params.marking_range, lidar.range_max))
+        count = project_hits(ranges, near, points)
+        self.mark(pose.transform(points[:, :count].T))
         self._invalidate(self._window_around(x, y, self.params.clearing_range))
 
     def mark(self, points: np.ndarray) -> None:

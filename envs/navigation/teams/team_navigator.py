@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.estimation.peers import PeerFilter
+from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, are_on_bodies, as_bodies, scan_ends
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation.frontiers.candidates import Candidates
 from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
@@ -46,7 +46,7 @@ class TeamNavigator:
 
     def __init__(self, robot: RobotParams, team: Sequence[TeamRobot]) -> None:
         self.team = team
-        self._robot, self._peer_filter = robot, PeerFilter(robot)
+        self._robot, self._geometry = robot, ScanGeometry.of(robot.lidar)
 
     @property
     def end_reason(self) -> str | None:
@@ -106,17 +106,18 @@ class TeamNavigator:
         if not peers:
             return reading
         obstacles: dict[bool, list[np.ndarray]] = {True: [NO_POINTS], False: [NO_POINTS]}
-        for peer in peers:
-            here = self._poses[peer.index]
+        places = [self._poses[peer.index] for peer in peers]
+        bodies, ends = as_bodies(pose, places, self._robot.radius), scan_ends(reading.ranges, self._geometry)
+        for peer, here, body in zip(peers, places, bodies, strict=True):
             ahead = here.compose(Pose2D(peer.navigator.velocity.v * PREDICTION_TIME, 0.0, 0.0))
             obstacles[peer.precedence > robot.precedence] += [
                 outline(pose, here, radius),
                 outline(pose, ahead, radius),
-                self._peer_filter.hits(reading.ranges, pose, here),
+                ends[are_on_bodies(ends, body[None], BODY_MARGIN)],
             ]
         robot.bodies, robot.passing = np.concatenate(obstacles[False]), np.concatenate(obstacles[True])
-        ranges = self._peer_filter(reading.ranges, pose, [self._poses[peer.index] for peer in peers])
-        return reading._replace(ranges=ranges)
+        is_on = are_on_bodies(ends, bodies, BODY_MARGIN)
+        return reading._replace(ranges=np.where(is_on, np.float32(np.nan), reading.ranges))
 
     def _resolve_conflict(self, robot: TeamRobot) -> None:
         gap = 2.0 * self._robot.radius + 0.1

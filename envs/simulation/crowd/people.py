@@ -68,8 +68,8 @@ class People:
 
     @property
     def states(self) -> np.ndarray:
-        """States of people, shape (n, 5), float64: x, y, radius [m], vx, vy [m/s], world frame."""
-        return self.rows[:, [at.X, at.Y, at.RADIUS, at.VX, at.VY]]
+        """States of people, shape (n, 5), float64: x, y [m], vx, vy [m/s], radius [m], world frame."""
+        return self.rows[:, : at.RADIUS + 1].copy()
 
 
 def draw_people(

@@ -3,6 +3,7 @@ import math
 import numpy as np
 
 from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
+from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.geometry.rows import GrowingArray
@@ -15,7 +16,6 @@ from ..matching.covariance import motion_stds, position_std
 from ..matching.fields import LEAST_MAP_SHARE, fits_map
 from ..matching.scan_matcher import MIN_KNOWN_HITS, RETRY_GAIN, WINDOW_STDS, MatcherParams
 from ..relocalization import FOUND_STD, LocalizationMonitor
-from ..scans import project_hits
 from ..slam_params import GMappingParams
 from .particle_maps import ParticleMaps
 from .proposal import Proposals, draw_poses, propose, take_better

@@ -1,5 +1,6 @@
 import numpy as np
 
+from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
@@ -7,7 +8,6 @@ from lidarnaut.envs.slam.key_scans import KeyScans
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.gauss_newton import refine
 from lidarnaut.envs.slam.matching.scan_matcher import make_prior
-from lidarnaut.envs.slam.scans import project_hits
 from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 MAX_BATCH = 256

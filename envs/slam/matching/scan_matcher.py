@@ -4,11 +4,11 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numba import njit
 
+from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.geometry.rows import write_row
 
-from ..scans import project_hits
 from ..slam_params import MatchingParams
 from .correlative import CorrelativeWindow, search_window
 from .covariance import NoiseRecord, correct_covariance, invert, motion_stds, predict_covariance

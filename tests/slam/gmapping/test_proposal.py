@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 
+from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.slam import GMappingParams, HectorParams
 from lidarnaut.envs.slam.gmapping.gmapping import normalized_weights, spread, systematic_resample
@@ -11,7 +12,6 @@ from lidarnaut.envs.slam.gmapping.tiles import TileMap
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.gauss_newton import PosePrior, evaluate, known_score_at, refine
 from lidarnaut.envs.slam.matching.scan_matcher import MatcherParams
-from lidarnaut.envs.slam.scans import project_hits
 from tests.slam.rooms import LIDAR, scan
 
 SIZE = {"map_width": 16.0, "map_height": 16.0, "num_levels": 3}

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from lidarnaut.envs.estimation.scan_points import ScanGeometry
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.slam import HectorParams, LoopClosureParams
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
@@ -15,7 +16,6 @@ from lidarnaut.envs.slam.matching.fields import (
     hit_shares,
     is_accepted,
 )
-from lidarnaut.envs.slam.scans import ScanGeometry
 
 from ..rooms import LIDAR
 
