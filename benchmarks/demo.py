@@ -137,7 +137,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
 
 @contextlib.contextmanager
 def running(scenes: Sequence[Scene], work: Path) -> Iterator[None]:
-    """Evaluate scenes in a process beside the `with` block, which ends it."""
+    """Evaluate scenes in another process until the end of the `with` block."""
     with make_pool(1, None) as pool:
         with interrupts_held():
             pool.submit(_evaluate, scenes, work)
