@@ -276,10 +276,9 @@ def _arguments(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.
     algorithm, network = find_algorithm(config.algorithm), _read_network(config, parts, action_space)
     arguments = {name: _read(name, value, config, action_space) for name, value in config.hyperparameters.items()}
     policy: Any = algorithm.policy_aliases[_alias(algorithm)]
-    if isinstance(network, DecisionNetworkConfig):
-        policy, own = FrontierPolicy, network.model_dump()
-    elif isinstance(network, TrajectoryNetworkConfig):
-        policy, own = TrajectoryPolicy, network.model_dump()
+    if isinstance(network, DecisionNetworkConfig | TrajectoryNetworkConfig):
+        policy = FrontierPolicy if isinstance(network, DecisionNetworkConfig) else TrajectoryPolicy
+        own: dict[str, Any] = {"network": network.model_dump()}
     else:
         features = {"features_dim": network.features, "channels": network.channels}
         own = {

@@ -32,6 +32,7 @@ from lidarnaut.agents.frontiers.score import RECORD_FILE
 from lidarnaut.agents.learned import find_policy, fingerprint
 from lidarnaut.agents.run_folder import LIBRARIES, CheckpointError
 from lidarnaut.agents.vec_env import Observations, make_env
+from lidarnaut.baselines.episode import run
 from lidarnaut.baselines.policy import marked
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import lidar_env_of
@@ -174,12 +175,13 @@ def _compare(session: Any, policy: BasePolicy, env: Any, states: dict[str, Any])
 
 
 def _episode(policy: BasePolicy, env: Any) -> list[Observations]:
-    actor, (observation, _), batches, is_over = Actor(policy), env.reset(seed=0), list[Observations](), False
-    while not is_over and len(batches) < NUM_STEPS:
+    actor, batches = Actor(policy), list[Observations]()
+
+    def decide(observation: Observations) -> np.ndarray:
         batches.append({name: np.asarray(value)[None] for name, value in observation.items()})
-        action = actor(batches[-1], np.array([len(batches) == 1]))[0]
-        observation, _, terminated, truncated, _ = env.step(action)
-        is_over = terminated or truncated
+        return actor(batches[-1], np.array([len(batches) == 1]))[0]
+
+    run(env, decide, *env.reset(seed=0), max_steps=NUM_STEPS)
     return batches
 
 

@@ -1,14 +1,16 @@
 """Feature networks for observations, and a base class of policies."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
+from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -72,6 +74,29 @@ class FlatFeatures(ExplorerFeatures):
 
 class JointPolicy(ActorCriticPolicy):
     """Base of PPO and A2C policies with one network for action distribution and state value."""
+
+    kind: Callable[..., nn.Module]
+    """Class of the network."""
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Space,
+        lr_schedule: Schedule,
+        *,
+        network: Mapping[str, Any],
+        **arguments: Any,
+    ) -> None:
+        """Build the network with the arguments `network`; `arguments` are those of the base class."""
+        self._settings = network
+        # The extractor is required by the base class, and has no weights.
+        arguments["features_extractor_class"] = FlattenExtractor
+        super().__init__(observation_space, action_space, lr_schedule, **arguments)
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        self.network: Any = self.kind(self.observation_space, **self._settings)
+        make: Any = self.optimizer_class
+        self.optimizer = make(self.network.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
 
     def judge(self, obs: Tensors) -> tuple[Distribution, Tensor]:
         """Return the action distribution for observations, and state values, shape (batch, 1), float32."""

@@ -10,7 +10,7 @@ import re
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -152,11 +152,15 @@ def write_evaluations(run: Path, rows: Sequence[Row], title: str, axis: str = "e
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write mappings from column to value as CSV, with NaN for missing columns."""
-    table = io.StringIO()
-    writer = csv.DictWriter(table, list(dict.fromkeys(key for row in rows for key in row)), "nan", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_file(path, table.getvalue())
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    write_file(path, csv_text([columns, *([row.get(name, "nan") for name in columns] for row in rows)]))
+
+
+def csv_text(lines: Iterable[Iterable[Any]]) -> str:
+    """Return lines of values as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    return text.getvalue()
 
 
 def commit() -> str:

@@ -77,18 +77,9 @@ def run_sweep(
 ) -> Path:
     """Train the unfinished runs of a sweep; write `sweep.csv` and plots; return the folder.
 
-    Args:
-        data: configuration with `sweep` or `seeds`.
-        source: origin of the configuration, for messages.
-        resume: sweep folder to resume.
-        ray: address of a Ray cluster that shares the folder; None trains locally.
-        jobs: number of parallel local trainings.
-        progress: show progress bars and the table.
-
-    Raises:
-        ValueError: if the configuration is invalid, or trainings fail after all others are done.
-        CheckpointError: if the folder holds another sweep, or a fixed key changes.
-        KeyboardInterrupt: on Ctrl-C; completed work is kept.
+    `data`: configuration with `sweep` or `seeds`. `source`: origin of the configuration, for messages. Other arguments
+    and errors are those of `lidarnaut.train`; machines of a Ray cluster share the folder. Also raises ValueError if
+    trainings fail, after all others are done.
     """
     folder = resume or Path("runs") / f"{data.get('experiment')}__sweep__{time.strftime('%Y%m%d-%H%M%S')}"
     folder = folder.absolute() if ray else folder

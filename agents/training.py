@@ -36,20 +36,11 @@ def train(
     trust: Iterable[str] = (),
     progress: bool = True,
 ) -> Path:
-    """Train a policy; return the run folder.
+    """Train a policy; return the run folder, by default `runs/<experiment>__<seed>__<time>`.
 
-    Args:
-        config: configuration.
-        run: folder for results; None makes `runs/<experiment>__<seed>__<time>`.
-        resume: run or checkpoint folder to resume, instead of `run`.
-        trust: names of code that the checkpoint may import, besides those in `config`.
-        progress: show a progress bar.
-
-    Raises:
-        ValueError: if a new folder already holds a run, an argument is invalid, or training diverges.
-        CheckpointError: if a checkpoint cannot be read, written or resumed.
-        lidarnaut.envs.files.LockedError: if another process uses the run.
-        KeyboardInterrupt: on Ctrl-C, after saving the state before the current rollout.
+    `run`: another folder for results. `resume`: run or checkpoint folder to resume. `trust`: names of code that the
+    checkpoint may import, besides those in `config`. Raises the errors of `lidarnaut.train`; also ValueError if a new
+    folder already holds a run, or training diverges.
     """
     source = checkpoint = None
     if getattr(multiprocessing.current_process(), "_inheriting", False):

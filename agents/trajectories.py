@@ -5,8 +5,6 @@ from typing import Any
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.distributions import Distribution
-from stable_baselines3.common.torch_layers import FlattenExtractor
-from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor, nn
 from torch.distributions import Categorical
 from torch.nn import functional
@@ -144,28 +142,8 @@ class TrajectoryNetwork(nn.Module):
 class TrajectoryPolicy(JointPolicy):
     """Actor-critic policy that samples one of 66 velocity commands, with probabilities from a `TrajectoryNetwork`."""
 
-    def __init__(
-        self,
-        observation_space: spaces.Dict,
-        action_space: spaces.Box,
-        lr_schedule: Schedule,
-        *,
-        width: int = 32,
-        hidden: int = 64,
-        prior: float = 0.0,
-        **arguments: Any,
-    ) -> None:
-        self._sizes: dict[str, Any] = {"width": width, "hidden": hidden, "prior": prior}
-        # required by the base class; has no weights
-        arguments["features_extractor_class"] = FlattenExtractor
-        super().__init__(observation_space, action_space, lr_schedule, **arguments)
+    kind = TrajectoryNetwork
 
     def judge(self, obs: Tensors) -> tuple[TwistChoice, Tensor]:
         logits, values = self.network(obs)
         return TwistChoice(self.network.twists).proba_distribution(logits), values
-
-    def _build(self, lr_schedule: Schedule) -> None:
-        assert isinstance(self.observation_space, spaces.Dict)
-        self.network = TrajectoryNetwork(self.observation_space, **self._sizes)
-        make: Any = self.optimizer_class
-        self.optimizer = make(self.network.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)

@@ -2,7 +2,6 @@
 
 import contextlib
 import logging
-import multiprocessing
 import shutil
 import sys
 import time
@@ -16,6 +15,7 @@ from lidarnaut.agents.config import TrainingConfig, change
 from lidarnaut.agents.curves import LEARNED_NAMES, draw_learning_curve, read_evaluations
 from lidarnaut.agents.curves import Row as CurveRow
 from lidarnaut.agents.policy_names import short
+from lidarnaut.agents.pools import make_pool
 from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.benchmarks.arena.episodes import Episodes
 from lidarnaut.benchmarks.arena.leaderboard import ranking_table
@@ -28,7 +28,7 @@ from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.files import Lock, parse_record, read_mapping, write_file
 from lidarnaut.envs.measures import SUCCESS
 from lidarnaut.envs.player import Recording, build_page
-from lidarnaut.envs.processes import interrupts_held, start_worker
+from lidarnaut.envs.processes import interrupts_held, stop_workers
 
 FOLDER = Path("runs/demo")
 CONFIG = Path(__file__).parents[1] / "configs" / "reach_crowd.yaml"
@@ -137,18 +137,15 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
 
 @contextlib.contextmanager
 def running(scenes: Sequence[Scene], work: Path) -> Iterator[None]:
-    with interrupts_held():
-        process = multiprocessing.get_context("spawn").Process(target=_run, args=(scenes, work), daemon=True)
-        process.start()
-    try:
+    """Evaluate scenes in another process until the end of the `with` block."""
+    with make_pool(1, None) as pool:
+        with interrupts_held():
+            pool.submit(_evaluate, scenes, work)
         yield
-    finally:
-        process.terminate()
-        process.join()
+        stop_workers(pool)
 
 
-def _run(scenes: Sequence[Scene], work: Path) -> None:
-    start_worker()
+def _evaluate(scenes: Sequence[Scene], work: Path) -> None:
     logging.getLogger("lidarnaut").setLevel(logging.ERROR)  # the main process prints these messages
     for scene in scenes:
         Evaluation(scene.settings, work / scene.folder).run(record=True)

@@ -100,7 +100,7 @@ def _in_a_line(box: str) -> str:
 
 
 def run_command(
-    main: Callable[..., Any], arguments: list[str] | None = None, options: Any = None, status: int = 2
+    main: Callable[..., Any], arguments: list[str] | None = None, options: Any = None, status: int = 2, **how: Any
 ) -> Any:
     """Call a function with arguments from the command line; return its result, or exit on errors.
 
@@ -109,12 +109,13 @@ def run_command(
         arguments: command line; None for that of the process.
         options: class of the argument of `main`; None for several arguments.
         status: exit status after errors of `main`.
+        how: further arguments of `tyro.cli`.
     """
     arguments = begin_command(arguments)
     show_log("lidarnaut.agents")
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))
     try:
-        read = parse_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)
+        read = parse_options(options or later, arguments, description=sys.modules[main.__module__].__doc__, **how)
     except ValueError as error:
         sys.exit(fail(error))
     try:

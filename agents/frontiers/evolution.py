@@ -42,22 +42,11 @@ def evolve(
     progress: bool = True,
     ray: str | None = None,
 ) -> Path:
-    """Optimize a linear frontier score by CMA-ES; return the run folder.
+    """Optimize a linear frontier score by CMA-ES; return the run folder, by default as that of a training.
 
-    A resumed run restores the optimizer from stored objective values of finished generations.
-
-    Args:
-        config: configuration.
-        run: folder for results; None makes `runs/<experiment>__<seed>__<time>`.
-        resume: run folder to resume.
-        progress: show a progress bar.
-        ray: Ray cluster address; None uses local processes.
-
-    Raises:
-        CheckpointError: if the resumed run is inconsistent, or a fixed key changes.
-        ValueError: if a new folder already holds a run.
-        lidarnaut.envs.files.LockedError: if another process uses the run.
-        KeyboardInterrupt: on Ctrl-C; complete generations are kept.
+    A resumed run restores the optimizer from stored objective values of finished generations. `run`: another folder for
+    results. `resume`: run folder to resume. `ray`: Ray cluster address; None uses local processes. Raises the errors of
+    `lidarnaut.train`; also ValueError if a new folder already holds a run.
     """
     with contextlib.ExitStack() as held:
         pool = held.enter_context(make_pool(config.num_workers, ray))

@@ -1,13 +1,9 @@
 """Attention network that rates frontier candidates, and a policy for PPO and A2C."""
 
-from typing import Any
-
 import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.distributions import CategoricalDistribution
-from stable_baselines3.common.torch_layers import FlattenExtractor
-from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -46,12 +42,12 @@ class FrontierNetwork(nn.Module):
     `gain_over_cost`."""
 
     def __init__(
-        self, observation_space: spaces.Dict, *, width: int, heads: int, prior: float, has_score: bool = False
+        self, observation_space: spaces.Dict, *, width: int, heads: int, prior: float, prior_policy: str = RULE
     ) -> None:
         """Build the layers; raise ValueError if a required observation is missing.
 
-        `prior`: weight of the prior frontier score in the logits. `has_score`: True if this prior is a linear score
-        with weights loaded later, False for the rule `gain_over_cost`.
+        `prior`: weight of the prior frontier score in the logits. `prior_policy`: `rule`, or another name for a linear
+        score, whose weights are loaded later.
         """
         super().__init__()
         if missing := [key for key in NEEDED if key not in observation_space.spaces]:
@@ -62,7 +58,7 @@ class FrontierNetwork(nn.Module):
         shapes = {key: tuple(observation_space[key].shape or ()) for key in NEEDED}
         self._heads, self._prior, self._rule = heads, prior, GainOverCost()
         # Saved with the weights, so that checkpoints are self-contained.
-        self.register_buffer("score", torch.zeros(NUM_FEATURES, dtype=torch.float64) if has_score else None)
+        self.register_buffer("score", None if prior_policy == RULE else torch.zeros(NUM_FEATURES, dtype=torch.float64))
         self.map = MapPatches(shapes["map"], MAP_CHANNELS)
         num_patches = (shapes["map"][1] // PATCH) * (shapes["map"][2] // PATCH)
         self.context = nn.Linear(MAP_CHANNELS * num_patches + shapes["robot"][0], width)
@@ -143,35 +139,13 @@ class _Slots:
 class FrontierPolicy(JointPolicy):
     """Actor-critic policy that samples a frontier candidate, with probabilities from a `FrontierNetwork`."""
 
-    def __init__(
-        self,
-        observation_space: spaces.Dict,
-        action_space: spaces.Discrete,
-        lr_schedule: Schedule,
-        *,
-        width: int = 64,
-        heads: int = 4,
-        prior: float = 10.0,
-        prior_policy: str = RULE,
-        **arguments: Any,
-    ) -> None:
-        self._sizes = {"width": width, "heads": heads, "prior": prior, "has_score": prior_policy != RULE}
-        # required by the base class; has no weights
-        arguments["features_extractor_class"] = FlattenExtractor
-        super().__init__(observation_space, action_space, lr_schedule, **arguments)
+    kind = FrontierNetwork
 
     def load_prior(self, score: FrontierScore) -> None:
         """Set the weights of the linear frontier score that is the prior policy."""
-        assert self.network.score is not None
         self.network.score.copy_(torch.from_numpy(score.weights))
 
     def judge(self, obs: Tensors) -> tuple[CategoricalDistribution, Tensor]:
         assert isinstance(self.action_dist, CategoricalDistribution)
         logits, values = self.network(obs)
         return self.action_dist.proba_distribution(action_logits=logits), values
-
-    def _build(self, lr_schedule: Schedule) -> None:
-        assert isinstance(self.observation_space, spaces.Dict)
-        self.network = FrontierNetwork(self.observation_space, **self._sizes)  # type: ignore[arg-type]
-        make: Any = self.optimizer_class
-        self.optimizer = make(self.network.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)

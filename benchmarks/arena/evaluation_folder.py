@@ -7,12 +7,12 @@ import json
 import os
 import platform
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lidarnaut.agents.run_folder import commit
+from lidarnaut.agents.run_folder import commit, csv_text
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.envs.files import append_file, naming, own_folder, read_bytes, read_json, read_mapping, write_file
 
@@ -183,7 +183,7 @@ class _Table:
                 # Incomplete line of a killed process; its episode runs again.
                 os.truncate(self.path, len(whole))
         lines = [row[name] for name in self._columns]
-        append_file(self.path, _lines([lines] if whole else [self._columns, lines]))
+        append_file(self.path, csv_text([lines] if whole else [self._columns, lines]))
 
 
 def read_table(path: Path, columns: Readers) -> Iterator[Row]:
@@ -200,16 +200,6 @@ def read_table(path: Path, columns: Readers) -> Iterator[Row]:
             yield {name: read(value) for (name, read), value in zip(columns.items(), record, strict=True)}
         except ValueError as error:
             raise ValueError(f"{path}, row {number}: damaged: {error}; remove the row to run it again") from error
-
-
-def write_csv(path: Path, head: Iterable[Any], lines: Iterable[Iterable[Any]]) -> None:
-    write_file(path, _lines([head, *lines]))
-
-
-def _lines(lines: Iterable[Iterable[Any]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(lines)
-    return text.getvalue()
 
 
 def _fingerprint(source: str) -> str:

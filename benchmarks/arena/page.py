@@ -12,8 +12,8 @@ import rich.table
 from rich import box
 from rich.text import Text
 
+from lidarnaut.agents.run_folder import csv_text
 from lidarnaut.agents.statistics import Estimate
-from lidarnaut.benchmarks.arena.evaluation_folder import write_csv
 from lidarnaut.benchmarks.arena.measures import texts
 from lidarnaut.benchmarks.arena.trace import slug
 from lidarnaut.envs.files import own_folder, printable, write_file
@@ -128,7 +128,7 @@ def _markdown(part: Part, title: str, folder: Path) -> str:
     if part.is_folded:
         name = f"{slug(title.lower().replace(' ', '_'))}.csv"
         lines = [[f"{cell.text} ({cell.note})" if cell.note else cell.text for cell in line] for line in part.lines]
-        write_csv(folder / name, part.head, lines)
+        write_file(folder / name, csv_text([part.head, *lines]))
         return f"[Table of {len(lines)} rows]({folder.name}/{name})"
     align = ["---" if k in (0, *part.words) else "---:" for k in range(len(part.head))]
     lines = [list(map(_escape, part.head)), align, *([_markdown_cell(cell) for cell in line] for line in part.lines)]

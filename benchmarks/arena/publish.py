@@ -9,9 +9,10 @@ import yaml
 from rich.console import Console
 
 from lidarnaut.agents.policy_names import short
+from lidarnaut.agents.run_folder import write_table
 from lidarnaut.benchmarks.arena import leaderboard, overview
 from lidarnaut.benchmarks.arena.episodes import Episodes, Summary
-from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key, write_csv
+from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import estimator_of
@@ -93,8 +94,7 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
         write_markdown("The arena", TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
         write_markdown("The arena", TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
-        columns = list(evaluation.columns)
-        write_csv(docs / "arena" / "episodes.csv", columns, ([row[name] for name in columns] for row in everything))
+        write_table(docs / "arena" / "episodes.csv", everything.rows)
     return summary
 
 

@@ -1,8 +1,7 @@
 """Experiments of the four documents: `python -m lidarnaut.benchmarks.documents NAME`; see `docs/documents`."""
 
 import importlib
-import json
-from dataclasses import dataclass
+from json import dumps
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,40 +14,38 @@ from lidarnaut.envs.files import write_file
 Name = Literal["robot_vacuum", "pi_mouse", "warehouse_agv", "ekf_fusion"]
 
 
-@dataclass(frozen=True)
-class Command:
-    """Command-line options of the experiments."""
+def main(
+    name: Annotated[Name, tyro.conf.Positional],
+    *,
+    json: Path | None = None,
+    pictures: Path | None = None,
+    runs: Count | None = None,
+    jobs: Count = 2,
+    quick: bool = False,
+) -> list[Figure]:
+    """Run the experiment of a document; print its figures beside those of the document, and draw its pictures.
 
-    name: Annotated[Name, tyro.conf.Positional]
-    """Document: TinySLAM robot vacuum, RRT exploration on a Pi Mouse, warehouse AGV, or EKF fusion."""
-    json: Path | None = None
-    """Also write the figures to this JSON file, as a list of records {item, unit, document, here, better}."""
-    pictures: Path | None = None
-    """Folder for the pictures; default: runs/documents/NAME."""
-    runs: Count | None = None
-    """Number of runs per experiment; default: as in the documentation."""
-    jobs: Count = 2
-    """Number of processes."""
-    quick: bool = False
-    """Run a shortened experiment, whose figures are not comparable."""
-
-
-def main(command: Command) -> list[Figure]:
-    """Run the experiment of a document; print its figures beside those of the document, and draw its pictures."""
-    experiment = importlib.import_module(f"lidarnaut.benchmarks.documents.{command.name}")
-    if command.json is not None and command.json.is_dir():
-        raise ValueError(f"--json {command.json} is a folder; give a file")
-    pictures = command.pictures or Path("runs/documents") / command.name
-    for path in (pictures, command.json and command.json.parent):
+    Args:
+        name: document: TinySLAM robot vacuum, RRT exploration on a Pi Mouse, warehouse AGV, or EKF fusion.
+        json: also write the figures to this JSON file, as a list of records {item, unit, document, here, better}.
+        pictures: folder for the pictures; default: runs/documents/NAME.
+        runs: number of runs per experiment; default: as in the documentation.
+        jobs: number of processes.
+        quick: run a shortened experiment, whose figures are not comparable.
+    """
+    if json is not None and json.is_dir():
+        raise ValueError(f"--json {json} is a folder; give a file")
+    pictures = pictures or Path("runs/documents") / name
+    for path in (pictures, json and json.parent):
         if path is not None:
             path.mkdir(parents=True, exist_ok=True)
-    figures: list[Figure] = experiment.run(pictures, command.runs, command.jobs, command.quick)
+    experiment = importlib.import_module(f"lidarnaut.benchmarks.documents.{name}")
+    figures: list[Figure] = experiment.run(pictures, runs, jobs, quick)
     make_console().print(table(figures))
-    if command.json is not None:
-        rows = [row for figure in figures for row in figure.rows()]
-        write_file(command.json, json.dumps(rows, indent=1) + "\n")
+    if json is not None:
+        write_file(json, dumps([row for figure in figures for row in figure.rows()], indent=1) + "\n")
     return figures
 
 
 if __name__ == "__main__":
-    run_command(main, options=Command)
+    run_command(main)

@@ -1,10 +1,9 @@
 """Benchmarks of SLAM, localization and planning: `python -m lidarnaut.benchmarks.drives STAGE`."""
 
 import functools
-import json
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from json import dumps
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -38,22 +37,20 @@ def _later(function: Callable[..., Any]) -> Callable[..., Callable[[], Any]]:
 PARSERS = [Annotated[Any, tyro.conf.subcommand(name, constructor=_later(stage))] for name, stage in STAGES.items()]
 
 
-@dataclass(frozen=True)
-class Command:
-    """Command-line options of the benchmarks on recorded drives."""
+def main(
+    stage: Annotated[functools.reduce(operator.or_, PARSERS), tyro.conf.arg(name="")], json: Path | None = None
+) -> None:
+    """Run a benchmark, and print its table.
 
-    stage: Annotated[functools.reduce(operator.or_, PARSERS), tyro.conf.arg(name="")]
-    """Benchmark to run."""
-    json: Path | None = None
-    """Also write the table to this JSON file. Times of events that never happened are null."""
-
-
-def main(command: Command) -> None:
-    rows = command.stage()
+    Args:
+        stage: benchmark to run.
+        json: also write the table to this JSON file. Times of events that never happened are null.
+    """
+    rows = stage()
     make_console().print(table(rows))
-    if command.json is not None:
-        command.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    if json is not None:
+        json.write_text(dumps(rows, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    run_command(main, options=Annotated[Command, tyro.conf.CascadeSubcommandArgs, tyro.conf.OmitSubcommandPrefixes])
+    run_command(main, config=(tyro.conf.CascadeSubcommandArgs, tyro.conf.OmitSubcommandPrefixes))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 
+from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.baselines import EXPLORERS, OFFERED
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.policy import Policy
@@ -102,12 +103,7 @@ class Loop:
 
 def make_policy(name: str) -> Policy:
     """Return a classic policy, or a learned one as `learned:PATH` or `pursuit:PATH`."""
-    if ":" not in name:
-        return (EXPLORERS.get(name) or OFFERED["goal"][name])()
-    from lidarnaut.agents.learned import load_policy
-
-    kind, _, path = name.partition(":")
-    return load_policy(path, pursuit=kind == "pursuit")
+    return parse_policy(name, {**OFFERED["goal"], **EXPLORERS}).make()
 
 
 def _explore(name: str, link: str, seed: int) -> dict[str, float]:

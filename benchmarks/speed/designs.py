@@ -12,7 +12,6 @@ import numpy as np
 
 import lidarnaut.agents  # noqa: F401  (before torch, whose threads it keeps from spinning)
 from lidarnaut.benchmarks.speed.halls import make_hall
-from lidarnaut.benchmarks.speed.naive import NaiveExploreEnv
 from lidarnaut.envs.robots import RobotParams, load_robot
 
 ID = "lidarnaut:lidarnaut/Explore-v0"
@@ -27,23 +26,21 @@ class Design(NamedTuple):
     """Compared environment design: implementation, number of sub-environments, and cores."""
 
     name: str
-    """Implementation. `naive`: PyBullet and NumPy. `bullet`, `kinematic`: single environment with this simulator.
-    `vector`, `bullet_vector`: vector environment. `subproc`: `SubprocVecEnv` of stable-baselines3. Name of
-    a training: this training."""
+    """Implementation. `bullet`, `kinematic`: single environment with this simulator. `vector`, `bullet_vector`: vector
+    environment. `subproc`: `SubprocVecEnv` of stable-baselines3. Name of a training: this training."""
     num_envs: int = 1
     cores: int = 1
     """Number of CPU cores; if above 1, also the number of worker processes of a vector environment."""
 
 
 DESIGNS = (
-    Design("naive"),
     Design("bullet"),
     Design("kinematic"),
     *(Design("vector", num_envs, cores) for cores in (1, 2) for num_envs in (FEWEST_ENVS, 64, MOST_ENVS)),
     *(Design("bullet_vector", FEWEST_ENVS, cores) for cores in (1, 2)),
     *(Design("subproc", 2, cores) for cores in (1, 2)),
 )
-"""Compared environment designs. Throughput ratios are relative to the first design."""
+"""Compared environment designs."""
 
 
 class Case(NamedTuple):
@@ -54,7 +51,7 @@ class Case(NamedTuple):
     slam: str
     num_beams: int = 360
     map_resolution: float = 0.05
-    """Side of a map cell [m]; the design `naive` always uses 0.05."""
+    """Side of a map cell [m]."""
 
 
 class Drive(NamedTuple):
@@ -82,13 +79,14 @@ def make_actions(num_envs: int) -> Iterator[np.ndarray]:
 def open_drive(case: Case) -> Drive:
     if case.design.name in TRAININGS:
         return _train(case.design)
-    (name, num_envs, cores), hall, robot = case.design, make_hall(case.num_bodies), benchmark_robot(case.num_beams)
+    name, num_envs, cores = case.design
     physics = "bullet" if name.startswith("bullet") else "kinematic"
-    arguments: dict[str, Any] = {"world": hall.world, "robot": robot, "slam": case.slam, "physics": physics}
-    make_single = partial(gymnasium.make, ID, start="spawn", map_resolution=case.map_resolution, **arguments)
+    arguments: dict[str, Any] = {"world": make_hall(case.num_bodies), "robot": benchmark_robot(case.num_beams)}
+    arguments |= {"slam": case.slam, "physics": physics, "start": "spawn", "map_resolution": case.map_resolution}
+    make_single = partial(gymnasium.make, ID, **arguments)
     env: Any
-    if name in ("naive", "bullet", "kinematic"):
-        env = NaiveExploreEnv(hall, robot, case.slam) if name == "naive" else make_single()
+    if name in ("bullet", "kinematic"):
+        env = make_single()
         env.reset(seed=0)
     elif name == "subproc":
         from stable_baselines3.common.vec_env import SubprocVecEnv
@@ -99,10 +97,8 @@ def open_drive(case: Case) -> Drive:
         env.reset()
     else:
         # A fork would miss the threads of a training process.
-        env = gymnasium.make_vec(
-            ID, num_envs, "vector_entry_point", start="spawn", map_resolution=case.map_resolution, context="forkserver",
-            num_workers=cores if cores > 1 else 0, **arguments,
-        )  # fmt: skip
+        how: dict[str, Any] = {"context": "forkserver", "num_workers": cores if cores > 1 else 0}
+        env = gymnasium.make_vec(ID, num_envs, "vector_entry_point", **how, **arguments)
         env.reset(seed=0)
     actions, is_single = make_actions(num_envs), isinstance(env, gymnasium.Env)
 

@@ -2,15 +2,14 @@
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.worlds.world import World, box, edges
 
-SIDE, WALL = 16.0, 0.2
-"""Inner side length of a hall, and wall thickness [m]."""
+SIDE = 16.0
+"""Inner side length of a hall [m]."""
 GAP, FREE_AROUND_SPAWN = 0.35, 0.7
 """Minimum distance between obstacles, and between obstacles and the start pose [m]."""
 PACKING = 0.45
@@ -19,17 +18,9 @@ PILLARS = 10
 """Every tenth obstacle of a hall is a cylinder (pillar); the others are boxes."""
 
 
-class Hall(NamedTuple):
-    """Square hall with boxes (crates) and cylinders (pillars) as obstacles."""
-
-    world: World
-    boxes: list[tuple[float, ...]]
-    """Crates and walls: centre x, y, length, width and yaw [m, m, m, m, rad]."""
-
-
 @lru_cache(maxsize=2)
-def make_hall(num_bodies: int) -> Hall:
-    """Return a hall with obstacles at random but reproducible poses; raise RuntimeError if they do not fit."""
+def make_hall(num_bodies: int) -> World:
+    """Return a hall with crates and pillars at random but reproducible poses; raise RuntimeError if they do not fit."""
     rng = np.random.default_rng(num_bodies)
     largest = math.sqrt(PACKING * SIDE**2 / (math.pi * num_bodies)) - 0.5 * GAP
     placed = np.empty((0, 3))
@@ -49,10 +40,8 @@ def make_hall(num_bodies: int) -> Hall:
         diagonal = rng.uniform(math.pi / 8, 3 * math.pi / 8)
         size = 2.0 * radius * math.cos(diagonal), 2.0 * radius * math.sin(diagonal)
         crates.append((x, y, *size, float(rng.uniform(-math.pi, math.pi))))
-    half, middle, length = 0.5 * SIDE, 0.5 * (SIDE + WALL), SIDE + 2.0 * WALL
+    half = 0.5 * SIDE
     segments = np.vstack([edges(box(*sides)) for sides in ((0.0, 0.0, SIDE, SIDE), *crates)])
     pillars = np.ascontiguousarray(placed[::PILLARS] * (1.0, 1.0, 0.5))
     spawns, bounds = (Pose2D(0.0, 0.0, 0.0),), (-half, -half, half, half)
-    world = World(f"hall_{num_bodies}", segments, pillars, spawns=spawns, bounds=bounds)
-    walls = [(0.0, y, length, WALL, 0.0) for y in (middle, -middle)]
-    return Hall(world, [*crates, *walls, *((x, 0.0, WALL, SIDE, 0.0) for x in (middle, -middle))])
+    return World(f"hall_{num_bodies}", segments, pillars, spawns=spawns, bounds=bounds)

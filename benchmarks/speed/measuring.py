@@ -3,16 +3,14 @@
 import contextlib
 import gc
 import itertools
-import multiprocessing
 import os
-import signal
 import statistics
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
+from lidarnaut.agents.pools import make_pool
 from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, TRAININGS, Case, Design, Drive, open_drive
 
 SLAMS = ("tinyslam", "truth")
@@ -29,15 +27,10 @@ _drives: dict[Case, Drive] = {}
 def confined(num_cores: int) -> Iterator[Call]:
     """Yield a function that runs other functions in a process pinned to the last `num_cores` CPU cores."""
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    cores = sorted(os.sched_getaffinity(0))[-num_cores:]
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start, (cores,)) as pool:
+    with make_pool(1, None) as pool:
+        pool.submit(os.sched_setaffinity, 0, sorted(os.sched_getaffinity(0))[-num_cores:]).result()
         yield lambda function, *arguments: pool.submit(function, *arguments).result()
         pool.submit(open_cases, []).result()
-
-
-def _start(cores: list[int]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the command ends its processes itself
-    os.sched_setaffinity(0, cores)
 
 
 def open_cases(cases: list[Case]) -> None:
@@ -82,10 +75,8 @@ def compare_designs(
     rows = []
     for num_bodies, slam in itertools.product(bodies, SLAMS):
         speeds = compare(calls, [Case(design, num_bodies, slam) for design in designs], seconds, repeats)
-        naive = next(iter(speeds.values()))
         for case, speed in speeds.items():
-            where = {**case.design._asdict(), "bodies": num_bodies, "slam": slam}
-            rows.append({**where, "steps_per_second": speed, "ratio": speed / naive})
+            rows.append({**case.design._asdict(), "bodies": num_bodies, "slam": slam, "steps_per_second": speed})
     return rows
 
 

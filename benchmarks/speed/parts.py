@@ -1,7 +1,8 @@
 """Benchmarks of simulators, frontier decisions and crowds in one process."""
 
+import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from timeit import timeit
 from typing import Any
@@ -40,22 +41,27 @@ def decisions(count: int) -> list[dict[str, Any]]:
 
     Each sub-environment, 20 m x 20 m rooms with a TurtleBot3 Burger and Hector SLAM, makes `count` decisions.
     """
-    deciding = {number: _deciding(number) for number in NUM_DECIDING}
-    done = {number: np.zeros(4) for number in deciding}
-    for decide in deciding.values():
-        for _ in range(WARM_UP):
-            decide()
-    for turn in range(SLICES):
-        for number, decide in deciding.items():
-            began = time.process_time()
-            for _ in range(count * (turn + 1) // SLICES - count * turn // SLICES):
-                done[number][:3] += decide()
-            done[number][3] += time.process_time() - began
     rows = []
-    for number, (taken, steps, simulated, seconds) in done.items():
+    for number, (done, seconds) in _in_turn({number: _deciding(number) for number in NUM_DECIDING}, count).items():
+        taken, steps, simulated = done
         rates = {"decisions/s": taken / seconds, "steps/decision": steps / taken, "simulated s": simulated / taken}
         rows.append({"sub-environments": number, **rates, "us/step": 1e6 * seconds / steps})
     return rows
+
+
+def _in_turn(cases: Mapping[Any, Callable[[], Any]], count: int) -> dict[Any, tuple[np.ndarray, float]]:
+    """Call each case `count` times in alternating slices; return the sum of its results, and processor time [s]."""
+    for call in cases.values():
+        for _ in range(WARM_UP):
+            call()
+    done, seconds = dict.fromkeys(cases, np.zeros(())), dict.fromkeys(cases, 0.0)
+    for _ in range(SLICES):
+        for name, call in cases.items():
+            began = time.process_time()
+            for _ in range(count // SLICES):
+                done[name] = done[name] + call()
+            seconds[name] += time.process_time() - began
+    return {name: (done[name], seconds[name]) for name in cases}
 
 
 def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
@@ -90,18 +96,14 @@ def people(count: int) -> list[dict[str, Any]]:
     id, world_size, shown = "lidarnaut:lidarnaut/ReachCrowd-v0", (12.0, 12.0), ("scan_history", "goal")
     usual: dict[str, Any] = {"robot": "turtlebot3_burger", "world_size": world_size, "observations": shown}
     make = partial(gymnasium.make_vec, id, NUM_AMONG_PEOPLE, "vector_entry_point", num_workers=0, **usual)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (SLICES, NUM_AMONG_PEOPLE, 2)).astype(np.float32)
+
+    def stepping(number: int, contact: str) -> Callable[[], int]:
+        envs, turns = make(people=number, contact=contact), itertools.cycle(actions)
+        envs.reset(seed=0)
+        return lambda: len(envs.step(next(turns))[1])
+
     cases = [(number, contact) for contact in ("costs", "ends") for number in (0, 10, 30)]
-    among = {(number, contact): make(people=number, contact=contact) for number, contact in cases}
-    rng, seconds = np.random.default_rng(0), dict.fromkeys(among, 0.0)
-    actions = rng.uniform(-1.0, 1.0, (SLICES, NUM_AMONG_PEOPLE, 2)).astype(np.float32)
-    for turn in range(SLICES + 1):
-        for case, envs in among.items():
-            if turn == 0:
-                envs.reset(seed=0)
-            began = time.process_time()
-            for _ in range(WARM_UP if turn == 0 else count // SLICES):
-                envs.step(actions[turn - 1])
-            seconds[case] += (time.process_time() - began) * (turn > 0)
-    steps = NUM_AMONG_PEOPLE * SLICES * (count // SLICES)
-    rates = {case: steps / spent for case, spent in seconds.items()}
+    found = _in_turn({case: stepping(*case) for case in cases}, count)
+    rates = {case: float(steps) / spent for case, (steps, spent) in found.items()}
     return [{"people": n, "contact": contact, "steps/s": rate} for (n, contact), rate in rates.items()]

@@ -105,7 +105,8 @@ def test_an_untrained_network_with_a_prior_explores_along_the_plan():
 
 
 def test_a_policy_acts_by_twists_of_the_table():
-    policy = TrajectoryPolicy(spaces.Dict(PARTS | {"goal": GOAL}), ACTIONS, ConstantSchedule(1e-3))
+    space, network = spaces.Dict(PARTS | {"goal": GOAL}), {"width": 32, "hidden": 64}
+    policy = TrajectoryPolicy(space, ACTIONS, ConstantSchedule(1e-3), network=network)
     seen = {name: value[0].numpy() for name, value in sample(policy.observation_space).items()}
     action, _ = policy.predict(seen, deterministic=True)
     assert (np.abs(TWISTS - action).max(axis=1) == 0).any()

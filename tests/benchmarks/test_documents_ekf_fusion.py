@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lidarnaut.benchmarks.documents import ekf_fusion as experiment
-from lidarnaut.benchmarks.documents.__main__ import Command, main
+from lidarnaut.benchmarks.documents.__main__ import main
 from lidarnaut.benchmarks.documents.ekf_fusion import (
     FAULTS,
     FILTERS,
@@ -84,7 +84,7 @@ def test_nees_tells_honest_from_overconfident():
 
 
 def test_a_quick_run_gives_figures_and_pictures_and_beats_the_paper(tmp_path):
-    figures = {one.item: one for one in main(Command("ekf_fusion", pictures=tmp_path, jobs=1, quick=True))}
+    figures = {one.item: one for one in main("ekf_fusion", pictures=tmp_path, jobs=1, quick=True)}
     for key, value in list(PAPER.items())[:5]:
         item, _, unit = key[:-1].partition(" [")
         figure = figures[f"{item}, full fusion, kinematic"]

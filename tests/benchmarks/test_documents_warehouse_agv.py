@@ -1,14 +1,15 @@
 import json
+from functools import partial
 
 import pytest
 
-from lidarnaut.benchmarks.documents.__main__ import Command, main
+from lidarnaut.benchmarks.documents.__main__ import main
 from lidarnaut.benchmarks.documents.figures import Figure
 
 
 def test_the_short_experiment_measures_and_draws(tmp_path, capsys):
-    command = Command("warehouse_agv", json=tmp_path / "figures.json", pictures=tmp_path, jobs=1, quick=True)
-    by_item = {figure.item: figure for figure in main(command)}
+    run = partial(main, "warehouse_agv", json=tmp_path / "figures.json", pictures=tmp_path, jobs=1, quick=True)
+    by_item = {figure.item: figure for figure in run()}
     assert len(by_item) == 15
     for policy in ("frontier:published", "frontier", "nearest"):
         assert 10.0 < by_item[f"{policy}: explored share"].median < 99.0
@@ -26,7 +27,7 @@ def test_the_short_experiment_measures_and_draws(tmp_path, capsys):
     }
     for name in ("map.png", "progress.png"):
         assert 5_000 < (tmp_path / name).stat().st_size < 200_000
-    assert [figure.median for figure in main(command)] == [figure.median for figure in by_item.values()]
+    assert [figure.median for figure in run()] == [figure.median for figure in by_item.values()]
 
 
 @pytest.mark.parametrize(("best", "worst"), [("least", float("inf")), ("most", -float("inf"))])

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from lidarnaut.benchmarks.drives import localization, teams
-from lidarnaut.benchmarks.drives.__main__ import Command, main, table
+from lidarnaut.benchmarks.drives.__main__ import main, table
 from lidarnaut.benchmarks.drives.localization import compare_amcl, load_known_world, record_from_anywhere, symmetries
 from lidarnaut.benchmarks.drives.maps import wrong_cells
 from lidarnaut.benchmarks.drives.recording import LOG, Drive, first_time, right_since, run_each
@@ -62,7 +62,7 @@ def test_results_come_in_the_order_of_the_tasks_and_an_error_ends_the_others(job
 def test_the_command_prints_a_table_and_writes_its_rows(tmp_path, capsys):
     path = tmp_path / "rows.json"
     rows = [{"slam": "hector", "after_s": None, "ms": 0.12345}, {"slam": "graph"}]
-    main(Command(lambda: rows, path))
+    main(lambda: rows, path)
     assert {"slam", "hector", "never", "0.1235", "graph"} <= set(capsys.readouterr().out.split())
     assert json.loads(path.read_text()) == rows
     wide = table([{f"measure {k}": k for k in range(12)}])

@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from lidarnaut.benchmarks.speed.references import crop_in_numpy, pool_in_numpy
 from lidarnaut.envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate
 from lidarnaut.envs.estimation.map_pyramid import MapPyramid
 from lidarnaut.envs.estimation.trail import Trail
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.observations import FAR_PIXEL, NEAR_PIXEL
+from tests.kernel_references import crop_in_numpy, pool_in_numpy
 
 SIZE = 40
 

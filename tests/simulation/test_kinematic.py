@@ -6,13 +6,13 @@ import gymnasium
 import numpy as np
 import pytest
 
-from lidarnaut.benchmarks.speed.references import advance_in_numpy
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import PHYSICS, KinematicSimulator, Twist, make_simulator
 from lidarnaut.envs.simulation.crowd.person_row import BLOCKED
 from lidarnaut.envs.worlds import FixedRoute
+from tests.kernel_references import advance_in_numpy
 from tests.rooms import BURGER, ORIGIN, PLAIN, begin, square_room, without_slip
 
 SUBSTEPS = 6

@@ -42,7 +42,7 @@ def episode():
 def make_policy(spaces_, trained=False, weights=None):
     torch.manual_seed(0)
     prior = {} if weights is None else {"prior_policy": "pretrained/frontiers"}
-    policy = FrontierPolicy(*spaces_, lambda _: 1e-3, width=32, heads=4, prior=15.0, **prior)
+    policy = FrontierPolicy(*spaces_, lambda _: 1e-3, network={"width": 32, "heads": 4, "prior": 15.0, **prior})
     if weights is not None:
         policy.load_prior(FrontierScore(weights))
     if trained:

@@ -8,28 +8,6 @@ from lidarnaut.envs.geometry import OCCUPIED_FROM, wrap_angle
 from lidarnaut.envs.robots import RobotParams
 
 
-def cast_rays_in_numpy(
-    x: float, y: float, angles: np.ndarray, range_max: float, segments: np.ndarray, circles: np.ndarray
-) -> np.ndarray:
-    """Return ranges from (`x`, `y`) to the nearest wall or circle, inf without a hit: shape (num_beams,), float64 [m].
-
-    `angles` are beam directions in the world frame, shape (num_beams,) [rad].
-    """
-    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    ax, ay = segments[:, 0] - x, segments[:, 1] - y
-    ex, ey = segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scale = 1.0 / (c * ey - s * ex)
-        t, u = (ax * ey - ay * ex) * scale, (ax * s - ay * c) * scale
-        nearest = np.where((t >= 0.0) & (u >= 0.0) & (u <= 1.0), t, np.inf).min(axis=1, initial=np.inf)
-        cx, cy = circles[:, 0] - x, circles[:, 1] - y
-        along = c * cx + s * cy
-        t = along - np.sqrt(along**2 - (cx**2 + cy**2 - circles[:, 2] ** 2))
-        nearest = np.minimum(nearest, np.where(t >= 0.0, t, np.inf).min(axis=1, initial=np.inf))
-    nearest[nearest > range_max] = np.inf
-    return nearest
-
-
 def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
     """Downsample an occupancy grid, shape (height, width), int8, to coarse cells of `block` x `block` grid cells.
 
