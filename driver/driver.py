@@ -11,7 +11,7 @@ import numpy as np
 
 from lidarnaut.agents.policies import needed_arguments
 from lidarnaut.baselines.episode import Decide, begin_episode, decide_with
-from lidarnaut.baselines.policy import Policy, PrivilegedPolicy
+from lidarnaut.baselines.policy import Policy, PrivilegedPolicy, adopt
 from lidarnaut.envs.arguments import check_positive, is_pose
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief
@@ -87,9 +87,9 @@ class Driver:
             ValueError: a value is not allowed, the task is not for a single robot, or the policy uses ground truth.
             TypeError: the environment has no such argument.
         """
-        id = id or str(getattr(policy, "id", "lidarnaut/Explore-v0"))
+        id = id or adopt(policy).id or "lidarnaut/Explore-v0"
         if control_hz is None:
-            control_hz = getattr(policy, "control_hz", None) or 10.0
+            control_hz = policy.control_hz or 10.0
         check_positive(control_hz=control_hz, timeout=timeout)
         for scale in odometry_scales:
             check_positive(odometry_scales=scale)
@@ -168,7 +168,7 @@ class Driver:
         Raises:
             ValueError: the task has no goal, or asks for a heading, or a number is not finite.
         """
-        if not hasattr(self.env.task, "goal"):
+        if self.env.task.goal is None:
             raise ValueError(f"task {type(self.env.task).__name__} has no goal")
         self.env.task.set_goal((x, y) if theta is None else (x, y, theta))
 
@@ -338,11 +338,11 @@ class Driver:
         if not age <= self.timeout:
             return f"no {missing} for {age:.1f} s{fault}"
         task = self.env.task
-        if hasattr(task, "goal"):
+        if task.goal is not None:
             if not task.has_goal:
                 return "no goal yet"
             pose, goal = self.belief.pose, task.goal
             turn = abs(wrap_angle(pose.theta - goal.theta))
-            if math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= getattr(task, "heading_tolerance", 4.0):
+            if math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= (task.heading_tolerance or math.pi):
                 return "reached"
         return ""

@@ -204,6 +204,16 @@ class Task(ABC):
     """Entries of `reset(options=...)` named in `reset_options`, for this episode."""
     end_reason: str | None = None
     """Reason why the task has ended the episode, or None."""
+    coverage: Any = None
+    """Explored part of the world, `lidarnaut.envs.tasks.coverage.Coverage`; None for tasks without exploration."""
+    goal: Any = None
+    """Goal pose, map frame; None for tasks without a goal."""
+    heading_tolerance: float | None = None
+    """Heading tolerance of the goal [rad]; None for goals without a heading."""
+    route: Any = None
+    """Route to follow, `lidarnaut.envs.tasks.route.Route`; None for tasks without a route."""
+    return_home: bool = False
+    """Whether the robot has to return to its start."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Store robot, control period [s] and physics; called once, before all other methods.
@@ -280,6 +290,10 @@ class Task(ABC):
     @abstractmethod
     def metrics(self) -> dict[str, Any]:
         """Return the task's entries of `info`, including `is_success`."""
+
+    def tell_goal(self, pose: Pose2D) -> Any:
+        """Return the goal that a policy at the estimated `pose` receives, or None."""
+        return self.goal
 
     def final_metrics(self) -> dict[str, Any]:
         """Return further entries of the last `info` of an episode."""

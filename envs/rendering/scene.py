@@ -95,7 +95,7 @@ def scene_of(env: Any, k: int) -> Scene:
         progress_label=task.progress.removesuffix("_fraction").replace("_", " "),
         time=env.time,
         collisions=sum(other.collisions for other in env.robots),
-        goal=getattr(task, "goal", None),
+        goal=task.goal,
         particles=getattr(estimator, "particles", None),
         has_known_map=env.priors[k].map is not None,
         pose_graph=pose_graph if isinstance(pose_graph, PoseGraphView) else None,

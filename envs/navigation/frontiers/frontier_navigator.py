@@ -65,6 +65,9 @@ class FrontierNavigator:
     candidate. Without candidates, exploration is over. Never uses ground truth.
     """
 
+    candidates: Candidates = None  # type: ignore[assignment]
+    """Reachable frontiers; None before `begin`."""
+
     def __init__(
         self,
         robot: RobotParams,
