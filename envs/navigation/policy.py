@@ -1,11 +1,12 @@
 """Base classes of policies. All members except the action have defaults."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.files import with_defaults
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation.frontiers.candidates import Markers
 from lidarnaut.envs.navigation.frontiers.frontier_navigator import FrontierNavigator
@@ -98,19 +99,11 @@ class ObservationPolicy(Policy):
         raise NotImplementedError(f"{type(self).__name__} must define __call__(observation)")
 
 
-_Policy = TypeVar("_Policy")
-
-
-def adopt(policy: _Policy) -> _Policy:
-    """Add the defaults of the base class to a policy whose class has another base.
+def adopt(policy: Any) -> Any:
+    """Add the defaults of `Explorer` or `ObservationPolicy` to a policy whose class has another base.
 
     Raises:
         ValueError: if the object does not allow this.
     """
-    kind, base = type(policy), Explorer if hasattr(policy, "act") else ObservationPolicy
-    if not isinstance(policy, Policy):
-        try:
-            policy.__class__ = type(kind.__name__, (kind, base), {"__module__": kind.__module__})
-        except TypeError:
-            raise ValueError(f"{policy!r} must be a subclass of lidarnaut.baselines.policy.{base.__name__}") from None
-    return policy
+    is_policy = isinstance(policy, Policy)
+    return policy if is_policy else with_defaults(policy, Explorer if hasattr(policy, "act") else ObservationPolicy)
