@@ -13,7 +13,7 @@ from lidarnaut import make_explorer, run_episode
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines import Explorer
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.navigation import Candidates
+from lidarnaut.envs.navigation import FEATURES, Candidates
 from lidarnaut.envs.simulation import Reading, Twist
 
 
@@ -44,7 +44,8 @@ class Chooser:
 
     def predict(self, observation: dict[str, np.ndarray], action_masks: np.ndarray) -> tuple[np.int64, None]:
         """Return the index of a candidate, and no state."""
-        return np.argmax(np.where(action_masks, observation["candidates"][:, 0], -1.0)), None
+        visible = observation["candidates"][:, FEATURES.index("visible")]
+        return np.argmax(np.where(action_masks, visible, -1.0)), None
 
 
 def main(seconds: float = 60.0) -> dict[str, float]:
