@@ -63,8 +63,11 @@ class RuleExplorer(Explorer):
         """Goal, and numbers of reachable frontiers and of blacklisted goals or failed drives, for the log."""
         if (navigator := self.navigator) is None or not self._has_begun:
             return ""
-        goal, failed = np.round(navigator.target or (), 2).tolist(), getattr(self.rule, "blacklist", navigator.failures)
-        return f"goal {goal}, {len(navigator.candidates)} frontiers, {len(failed)} blacklisted"
+        goal = np.round(navigator.target or (), 2).tolist()
+        return f"goal {goal}, {len(navigator.candidates)} frontiers, {self._count_failed(navigator)} blacklisted"
+
+    def _count_failed(self, navigator: FrontierNavigator) -> int:
+        return len(navigator.failures)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self.navigator = FrontierNavigator(
