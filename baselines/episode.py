@@ -192,7 +192,7 @@ def _decide_once(policy: Policy, env: gymnasium.Env[Any, Any]) -> Callable[[Obse
 
     def act(_: Observation) -> np.ndarray:
         nonlocal goal
-        if goal is not (told := inner.task.tell_goal(inner.belief.pose)):
+        if inner.task.goal is not None and goal is not (told := inner.task.tell_goal(inner.belief.pose)):
             goal = told
             if inner.task.heading_tolerance is not None:
                 policy.set_tolerances(inner.task.goal_tolerance, inner.task.heading_tolerance)
