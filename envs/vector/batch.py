@@ -22,7 +22,7 @@ OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
 MOST_POSITIONS = 256
 """Maximum number of positions buffered per robot before they are appended to recorded paths."""
 HAS_COLUMNS, UPDATES_ROWS, HAS_NO_MAPS = range(3)
-"""Properties of a sub-environment, by which the batch chooses methods: rewards with the weights of the first one, a
+"""Columns of properties that select the methods of a batch: rewards with the weights of the first sub-environment, a
 task with `update_rows`, dead reckoning without a map."""
 
 
