@@ -11,20 +11,18 @@ from stable_baselines3.common.policies import BasePolicy
 
 from lidarnaut.agents.algorithms import Actor, build_policy
 from lidarnaut.agents.checkpoint import Record, load_checkpoint
-from lidarnaut.agents.policies import Level
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
+from lidarnaut.baselines.policy import ObservationPolicy
 from lidarnaut.envs.robots import RobotParams, load_robot
 
 
-class LearnedPolicy:
+class LearnedPolicy(ObservationPolicy):
     """Trained network that returns actions for observations."""
-
-    end_reason = plan = None
 
     def __init__(self, policy: BasePolicy, record: Record, name: str, *, deterministic: bool = True) -> None:
         self._actor = Actor(policy, deterministic=deterministic)
         self._record, self._name, self._deterministic = record, name, deterministic
-        self.level: Level = "decision" if record.action.kind == "Discrete" else "twist"
+        self.level = "decision" if record.action.kind == "Discrete" else "twist"
         self.id = record.config.environment.id
         self.arguments = record.config.environment.arguments | record.config.evaluation.arguments
         self.observations = self.arguments.get("observations")

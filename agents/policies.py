@@ -2,26 +2,26 @@
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
-from lidarnaut.baselines.policy import OnePerRobot, Policy
+from lidarnaut.baselines.policy import Explorer, Level, ObservationPolicy, OnePerRobot, Policy, adopt
 from lidarnaut.envs.files import SHORT
 from lidarnaut.envs.robots import RobotParams
 
-Level = Literal["twist", "decision"]
-"""Kind of action: `twist` (velocity command), or `decision` (choice of a frontier in `ExploreFrontiers-v0`)."""
+DECLARED = ("level", "observations", "collision_monitor", "control_hz", "uses_ground_truth")
+"""Attributes that a policy has from a model, or from the function that returns the policy."""
 
 
 def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     """Return a policy made from an explorer, model, callable or factory.
 
     - A frontier rule: `rule(candidates, belief)` returns the scores of frontier candidates.
-    - An `Explorer`: `reset` and `act(reading, belief)`, optionally `end_reason` and `plan`. In a team, each robot gets
-      a copy, unless `is_team` is true.
+    - An `Explorer`, or an object with `act(reading, belief)`, which gets the defaults of `Explorer`. In a team, each
+      robot gets a copy, unless `is_team` is true.
     - A model: `predict(observation)` returns the action, alone or first in a tuple. Accepted arguments among
       `deterministic=True`, `action_masks` and `state` are passed. An optional `reset(robot, control_period, rng)` is
       called before each episode.
@@ -31,18 +31,27 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     Actions outside of a `Box` action space `space` are clipped.
 
     Raises:
-        ValueError: if `value` is none of the above.
+        ValueError: if `value` is none of the above, or its `level` is unknown.
     """
+    source = value
     is_function = callable(value) and not hasattr(value, "act") and not hasattr(value, "predict")
     if isinstance(value, type) or (is_function and _takes(value, 0)):
         value = value()
+    policy = _adapted(value, space)
+    for one in (source, value):
+        if one is not policy and not isinstance(one, type):
+            vars(policy).update({name: getattr(one, name) for name in DECLARED if hasattr(one, name)})
+    if policy.level not in (None, *get_args(Level)):
+        raise ValueError(f"level of {value!r} must be one of {', '.join(get_args(Level))}, got {policy.level!r}")
+    is_team = space is not None and len(space.shape or ()) > 1
+    return OnePerRobot(policy) if is_team and isinstance(policy, Explorer) and not policy.is_team else policy
+
+
+def _adapted(value: Any, space: spaces.Space | None) -> Policy:
+    if isinstance(value, Policy):
+        return value
     if hasattr(value, "act"):
-        if not hasattr(value, "reset"):
-            raise ValueError(f"explorer {value!r} lacks reset; see lidarnaut.baselines.policy.Explorer")
-        for name in {"end_reason", "plan"} - {*dir(value)}:
-            setattr(value, name, None)
-        is_team = space is not None and len(space.shape or ()) > 1
-        return OnePerRobot(value) if is_team and not getattr(value, "is_team", False) else value
+        return adopt(value)
     if callable(value) and not hasattr(value, "predict") and _takes(value, 2) and not _takes(value, 1):
         return RuleExplorer(value)
     if callable(value) or hasattr(value, "predict"):
@@ -52,33 +61,21 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     )
 
 
-def level_of(value: Any) -> Level:
-    """Return the kind of a policy's actions, `twist` (default) or `decision`; ValueError if unknown."""
-    level: Level = getattr(value, "level", "twist")
-    if level not in get_args(Level):
-        raise ValueError(f"level of {value!r} must be one of {', '.join(get_args(Level))}, got {level!r}")
-    return level
-
-
-def needed_arguments(value: Any) -> dict[str, Any]:
+def needed_arguments(policy: Policy) -> dict[str, Any]:
     """Return the environment arguments that a policy requires: names of observations, and collision monitor.
 
     Raises:
         ValueError: if the policy's attribute `observations` is invalid.
     """
-    parts = getattr(value, "observations", None)
+    parts = policy.observations
     if parts is not None and (isinstance(parts, str) or not all(isinstance(part, str) for part in parts)):
-        raise ValueError(f"observations of {value!r} must be names of parts, got {parts!r}")
+        raise ValueError(f"observations of {policy!r} must be names of parts, got {parts!r}")
     needed = {} if parts is None else {"observations": parts if isinstance(parts, Mapping) else tuple(parts)}
-    return needed | ({"collision_monitor": True} if getattr(value, "collision_monitor", False) else {})
+    return needed | ({"collision_monitor": True} if policy.collision_monitor else {})
 
 
-class CalledPolicy:
+class CalledPolicy(ObservationPolicy):
     """Adapter that makes a policy from a callable, or from a model with `predict`."""
-
-    end_reason: str | None
-    plan: np.ndarray | None
-    control_hz: float | None
 
     def __init__(self, policy: Any, space: spaces.Space | None = None) -> None:
         self._policy, self._space = policy, space
@@ -86,10 +83,13 @@ class CalledPolicy:
         self._takes = inspect.signature(policy.predict).parameters if self._predicts else {}
         self._state: Any = None
 
-    def __getattr__(self, name: str) -> Any:
-        if name not in ("end_reason", "plan", "control_hz", "uses_ground_truth"):
-            raise AttributeError(name)
-        return getattr(self._policy, name, None)
+    @property
+    def end_reason(self) -> str | None:  # type: ignore[override]
+        return getattr(self._policy, "end_reason", None)
+
+    @property
+    def plan(self) -> np.ndarray | None:  # type: ignore[override]
+        return getattr(self._policy, "plan", None)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._state = None

@@ -13,9 +13,9 @@ from typing import Any
 from gymnasium import spaces
 from pydantic import ValidationError
 
-from lidarnaut.agents.policies import Level, level_of, make_policy, needed_arguments
+from lidarnaut.agents.policies import make_policy, needed_arguments
 from lidarnaut.baselines import CLASSIC, EXPLORERS
-from lidarnaut.baselines.policy import GROUND_TRUTH, marked
+from lidarnaut.baselines.policy import GROUND_TRUTH, Level, ObservationPolicy, marked
 from lidarnaut.baselines.policy import Policy as Driver
 from lidarnaut.envs.files import explain_errors, explain_unknown, load_object, resolve, split_parameters
 
@@ -159,7 +159,5 @@ def make_changed(make: Callable[..., Any], changes: Mapping[str, Any]) -> Any:
 
 def _checked(policy: Policy, source: Any) -> Policy:
     made = make_policy(source)
-    said = made if hasattr(made, "level") else source
-    name = policy.name + (marked("", made) or marked("", source))
-    level, observes = level_of(said) if hasattr(said, "level") else None, not hasattr(made, "act")
-    return replace(policy, name=name, level=level, observes=observes, arguments=needed_arguments(said))
+    name, observes = marked(policy.name, made), isinstance(made, ObservationPolicy)
+    return replace(policy, name=name, level=made.level, observes=observes, arguments=needed_arguments(made))

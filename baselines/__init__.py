@@ -101,7 +101,8 @@ def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
         rules = {name: make for name, make in EXPLORERS.items() if isinstance(make(), RuleExplorer)}
         return {"random": RandomChooser, **rules}
     is_team = len(inner.action_space.shape or ()) > 1
-    offered = [makers for name, makers in (TEAMS if is_team else OFFERED).items() if hasattr(inner.task, name)]
+    found = (TEAMS if is_team else OFFERED).items()
+    offered = [makers for name, makers in found if getattr(inner.task, name, None) is not None]
     alone = {name: partial(_one_per_robot, make) for name, make in ANY.items()} if is_team else ANY
     return {name: make for makers in (*offered, alone) for name, make in makers.items()}
 

@@ -13,13 +13,14 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from lidarnaut.envs.core import NO_TRACKS, lidar_env_of
+from lidarnaut.envs.core import NO_TRACKS, LidarEnv, lidar_env_of
 from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.measures import EpisodeHistory, HistoryRecorder, measures_of
 from lidarnaut.envs.navigation import HomeNavigator
 from lidarnaut.envs.rendering.scene import people_in
 
-from .policy import Policy, PrivilegedPolicy, to_action
+from .frontier.rule_explorer import RuleExplorer
+from .policy import Explorer, ObservationPolicy, Policy, PrivilegedPolicy, adopt, to_action
 
 LOGGER = logging.getLogger(__name__)
 LOG_PERIOD = 10.0
@@ -130,16 +131,15 @@ def begin_episode(
     A route of the task is passed to the policy's `set_route`, and ground truth to a `PrivilegedPolicy`.
     """
     observation, info = env.reset(seed=seed)
-    inner = lidar_env_of(env)
+    inner, rate = lidar_env_of(env), adopt(policy).control_hz
     period = inner.control_period * _repeats(policy, env)
-    rate = getattr(policy, "control_hz", None)
     if rate and abs(period * rate - 1.0) > 0.01 and not _chooses(env):
         name = type(policy).__name__
         warnings.warn(f"{name} has control_hz {rate:g}, but decides every {period:.3g} s here", stacklevel=2)
     policy.reset(inner.robot, period, rng)
-    if isinstance(policy, PrivilegedPolicy) and hasattr(inner.task, "coverage"):
+    if isinstance(policy, PrivilegedPolicy) and inner.task.coverage is not None:
         policy.reveal(inner.task.coverage, inner.task.target_coverage)
-    if hasattr(policy, "set_route"):
+    if inner.task.route is not None:
         policy.set_route(inner.task.route)
     return observation, info
 
@@ -150,11 +150,11 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
     For policies with a lower `control_hz`, the function repeats actions. With `return_home`, a navigator drives home
     after exploration. Planned paths and markers are stored for rendering.
     """
-    inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
+    inner, repeats, calls = lidar_env_of(env), _repeats(adopt(policy), env), 0
     decide_once, task = _decide_once(policy, env), inner.task
     if not _chooses(env):
-        inner.markers = partial(getattr, policy, "markers", None)
-    is_called_back = getattr(task, "return_home", False) and not _chooses(env)
+        inner.markers = lambda: policy.markers
+    is_called_back = task.return_home and not _chooses(env)
     home = HomeNavigator(inner.robot, inner.control_period, inner.np_random) if is_called_back else None
     action: Any = None
 
@@ -175,48 +175,47 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
     return decide
 
 
-def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observation], np.ndarray | np.integer]:
+def _decide_once(policy: Policy, env: gymnasium.Env[Any, Any]) -> Callable[[Observation], np.ndarray | np.integer]:
     inner, name = lidar_env_of(env), type(policy).__name__
     outer: Any = env.unwrapped
-    if _chooses(env):
-        if hasattr(policy, "choose"):  # turn in place without candidates
-            return lambda _: np.int64(policy.choose(outer.navigator, outer.belief) if len(outer.candidates) else 0)
-        if hasattr(policy, "act"):
-            raise ValueError(f"{name} outputs twists and cannot choose frontiers")
-        return policy
-
-    def decide(observation: Observation) -> np.ndarray:
-        action = policy(observation)
-        inner.plans[:] = [policy.plan]
-        return action
-
-    if not hasattr(policy, "act"):
-        return decide
+    if isinstance(policy, ObservationPolicy):
+        return policy if _chooses(env) else partial(_observe, policy, inner)
+    if isinstance(policy, RuleExplorer) and _chooses(env):  # turn in place without candidates
+        return lambda _: np.int64(policy.choose(outer.navigator, outer.belief) if len(outer.candidates) else 0)
+    if not isinstance(policy, Explorer) or _chooses(env):
+        raise ValueError(f"{name} outputs twists and cannot choose frontiers")
     is_team = len(inner.action_space.shape or ()) > 1
-    if is_team != getattr(policy, "is_team", False):
+    if is_team != policy.is_team:
         hint = f"; OnePerRobot({name}()) drives each robot of a team separately" if is_team else ""
         raise ValueError(f"{name} drives {'one robot' if is_team else 'teams'}, but not {inner.action_space}{hint}")
-    goal, tell = None, getattr(inner.task, "tell_goal", lambda _: inner.task.goal)
-    takes_goals = hasattr(policy, "set_goal") and hasattr(inner.task, "goal")
+    goal: Any = None
 
     def act(_: Observation) -> np.ndarray:
         nonlocal goal
-        if takes_goals and goal is not (told := tell(inner.belief.pose)):
+        if inner.task.goal is not None and goal is not (told := inner.task.tell_goal(inner.belief.pose)):
             goal = told
-            if hasattr(policy, "set_tolerances") and hasattr(inner.task, "heading_tolerance"):
+            if inner.task.heading_tolerance is not None:
                 policy.set_tolerances(inner.task.goal_tolerance, inner.task.heading_tolerance)
             policy.set_goal(goal)
         if is_team:
-            twists = policy.act([robot.reading for robot in inner.robots], [robot.belief for robot in inner.robots])
+            readings: Any = [robot.reading for robot in inner.robots]
+            beliefs: Any = [robot.belief for robot in inner.robots]
+            twists: Any = policy.act(readings, beliefs)
             inner.plans[:] = policy.plans
             return np.stack([to_action(twist, inner.robot) for twist in twists])
         action = to_action(policy.act(inner.reading, inner.belief), inner.robot)
-        inner.plans[:] = [policy.plan]
-        tracks = getattr(policy, "tracks", getattr(inner.belief, "people", NO_TRACKS))
+        inner.plan = policy.plan
+        tracks = inner.belief.people if policy.tracks is None else policy.tracks
         inner.tracks = people_in(tracks, inner.belief.pose) if len(tracks) else NO_TRACKS
         return action
 
     return act
+
+
+def _observe(policy: ObservationPolicy, inner: LidarEnv, observation: Observation) -> Any:
+    action = policy(observation)
+    inner.plans[:] = policy.plans
+    return action
 
 
 def _chooses(env: gymnasium.Env[Any, Any]) -> bool:
@@ -224,7 +223,7 @@ def _chooses(env: gymnasium.Env[Any, Any]) -> bool:
 
 
 def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
-    rate = getattr(policy, "control_hz", None)
+    rate = policy.control_hz
     if rate is None or _chooses(env):
         return 1
     return max(1, round(1.0 / (rate * lidar_env_of(env).control_period)))
@@ -258,7 +257,7 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step
         recorder.watch(info)
         if info["time"] >= next_log:
             next_log += LOG_PERIOD
-            what, status = inner.task.progress, getattr(policy, "status", "")
+            what, status = inner.task.progress, policy.status
             who = type(policy).__name__, seed, info["time"]
             LOGGER.info("%s, seed %d, %.0f s: %s %.3f%s", *who, what, info[what], status and f", {status}")
         if on_step:

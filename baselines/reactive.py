@@ -8,6 +8,7 @@ import numpy as np
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.envs.estimation import ORIGIN, Belief
 from lidarnaut.envs.navigation import Candidates, FollowerParams, Navigator, PathFollower, free_distance
+from lidarnaut.envs.navigation.policy import Explorer
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.route import Route
@@ -33,18 +34,12 @@ ROTATE_FROM = 1.6
 """Heading error above which the route follower turns in place [rad]."""
 
 
-class RandomExplorer:
+class RandomExplorer(Explorer):
     """Samples forward speed and yaw rate uniformly within the robot's limits."""
 
-    end_reason = plan = None
-
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        self._robot = robot
-        self._rng = rng
-
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        v, w = self._rng.uniform(-1.0, 1.0, 2).tolist()
-        return Twist(v * self._robot.max_v, w * self._robot.max_w)
+        v, w = self.rng.uniform(-1.0, 1.0, 2).tolist()
+        return Twist(v * self.robot.max_v, w * self.robot.max_w)
 
 
 class RandomChooser(RuleExplorer):
@@ -61,14 +56,12 @@ class RandomChooser(RuleExplorer):
         return np.arange(len(candidates)) == self._rng.integers(len(candidates))
 
 
-class WallFollower:
+class WallFollower(Explorer):
     """Follows walls on the robot's right side, by the lidar scan alone.
 
     The robot drives the rightmost collision-free arc. After a full turn, the robot rotates by a random angle and drives
     straight to another wall.
     """
-
-    end_reason = plan = None
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._robot, self._period, self._rng = robot, control_period, rng
@@ -115,10 +108,8 @@ class WallFollower:
         return Twist(v, curvature * v)
 
 
-class RouteFollower:
+class RouteFollower(Explorer):
     """Follows a given route by regulated pure pursuit."""
-
-    end_reason = plan = None
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._navigator = Navigator(robot, control_period)

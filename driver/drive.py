@@ -142,7 +142,7 @@ class Session:
         has_goal = (o.goal or o.map) is not None or o.policy in OFFERED["goal"].keys() - EXPLORERS.keys()
         makers = OFFERED["goal"] if has_goal else EXPLORERS
         policy = parse_policy(o.policy, makers, trust=o.trust).make()
-        id = getattr(policy, "id", "lidarnaut/ReachGoal-v0" if has_goal else None)
+        id = policy.id or ("lidarnaut/ReachGoal-v0" if has_goal else None)
         arguments: dict[str, Any] = {"timeout": o.timeout, "seed": o.seed, "odometry_scales": o.odometry_scales}
         if o.map is None:
             arguments["slam"] = o.slam
@@ -150,7 +150,7 @@ class Session:
             pose = "unknown" if o.initial_pose is None else o.initial_pose
             id, arguments = "lidarnaut/Navigate-v0", arguments | {"map": o.map, "initial_pose": pose}
         arguments["gyro"] = o.imu_topic is not None
-        hz = getattr(policy, "control_hz", None) or o.control_hz
+        hz = policy.control_hz or o.control_hz
         driver = Driver(policy, robot, id=id, control_hz=hz, **arguments)
         if o.goal is not None:
             driver.goal(*o.goal)

@@ -11,29 +11,25 @@ import numpy as np
 
 from lidarnaut.agents.policies import needed_arguments
 from lidarnaut.baselines.episode import Decide, begin_episode, decide_with
-from lidarnaut.baselines.policy import Policy, PrivilegedPolicy
+from lidarnaut.baselines.policy import Policy, PrivilegedPolicy, adopt
 from lidarnaut.envs.arguments import check_positive, is_pose
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.estimation.motion import wheel_motion
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.logs.scans import Scan, resampled
-from lidarnaut.envs.logs.trajectory import MAX_CLOCK_JUMP, between_poses, interpolate_poses
+from lidarnaut.envs.logs.trajectory import MAX_CLOCK_JUMP
 from lidarnaut.envs.robots import RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.navigate import KnownMapTask
 
 from .measurements import Measurements, Sample
 from .task import task_of
+from .wheels import WheelMotion
 
 LOGGER = logging.getLogger(__name__)
 STOP = Twist(0.0, 0.0)
 TICK = 1e-6
 """Wheel travel per count of the virtual encoders that poses of odometry are converted to [m]."""
-MAX_SPEED, JITTER = 1.5, 0.05
-"""Odometry that moves faster than this multiple of the robot's limits, for longer than this time [s], has jumped."""
-PUSHED = 1.0, 3.0
-"""Least limits of that test: speeds of a robot that is pushed by hand [m/s, rad/s]."""
 SIMULATED = {"physics", "world", "start", "people", "reward", "randomize"}
 """Arguments of environments that a driver does not have."""
 KEPT = 10.0
@@ -87,9 +83,9 @@ class Driver:
             ValueError: a value is not allowed, the task is not for a single robot, or the policy uses ground truth.
             TypeError: the environment has no such argument.
         """
-        id = id or str(getattr(policy, "id", "lidarnaut/Explore-v0"))
+        id = id or adopt(policy).id or "lidarnaut/Explore-v0"
         if control_hz is None:
-            control_hz = getattr(policy, "control_hz", None) or 10.0
+            control_hz = policy.control_hz or 10.0
         check_positive(control_hz=control_hz, timeout=timeout)
         for scale in odometry_scales:
             check_positive(odometry_scales=scale)
@@ -108,19 +104,19 @@ class Driver:
         arguments = {"track_people": True, **needed_arguments(policy), **arguments}
         self.env = LidarEnv(task_of(id), robot=robot, physics=Measurements, control_hz=control_hz, **arguments)
         """Environment without a simulator, for recordings and pictures."""
-        self.robot, self.timeout, self._scales = robot, timeout, odometry_scales
+        self.robot, self.timeout = robot, timeout
         self.reason = "no scan yet"
         """Why the last command was a stop; empty while driving."""
         self.dropped: Counter[str] = Counter()
         """Numbers of dropped messages by reason."""
         self._policy, self._seed = policy, seed
         self._decide: Decide | None = None
-        self._scans, self._motion, self._rates = (deque[tuple[float, Any]]() for _ in range(3))
+        self._wheels = WheelMotion(robot, odometry_scales, uses_encoders=motion == "encoders")
+        self._scans, self._rates = (deque[tuple[float, Any]]() for _ in range(2))
         self._newest: dict[str, float] = {}
-        self._fault, self._ticks = "", (0, 0)
-        self._uses_encoders, self._touched = motion == "encoders", False
+        self._fault, self._touched = "", False
         self._stamp, self._scan_stamp, self._offset, self._time = -math.inf, -math.inf, 0.0, 0.0
-        self._pose, self._wheels, self._commands = np.zeros(3), np.zeros(2), [STOP]
+        self._commands = [STOP]
 
     def scan(self, ranges: np.ndarray, stamp: float) -> None:
         """Receive a scan: ranges, shape (num_beams,) [m]; +inf is no return, NaN or 0 an invalid beam.
@@ -147,12 +143,12 @@ class Driver:
         self._receive_motion("encoders", (left, right), 2, stamp)
 
     def _receive_motion(self, kind: str, numbers: Sequence[float], count: int, stamp: float) -> None:
-        if self._uses_encoders != (kind == "encoders"):
+        if self._wheels.uses_encoders != (kind == "encoders"):
             raise ValueError(f"messages of {kind} need motion={kind!r}")
         content = np.array(numbers, dtype=np.float64)
         if content.shape != (count,):
             raise ValueError(f"{kind} must be {count} numbers, got {numbers!r}")
-        self._receive(kind, self._motion, stamp, content)
+        self._receive(kind, self._wheels.messages, stamp, content)
 
     def imu(self, yaw_rate: float, stamp: float) -> None:
         """Receive a yaw rate [rad/s], for robots whose odometry uses the gyroscope; without, wheels give the turn."""
@@ -168,7 +164,7 @@ class Driver:
         Raises:
             ValueError: the task has no goal, or asks for a heading, or a number is not finite.
         """
-        if not hasattr(self.env.task, "goal"):
+        if self.env.task.goal is None:
             raise ValueError(f"task {type(self.env.task).__name__} has no goal")
         self.env.task.set_goal((x, y) if theta is None else (x, y, theta))
 
@@ -204,7 +200,7 @@ class Driver:
     @property
     def map_to_odometry(self) -> Pose2D:
         """Pose of the odometry frame in the map frame, for `/tf`; without odometry messages, the estimated pose."""
-        return self.belief.pose.compose(Pose2D(*self._pose.tolist()).inverse())
+        return self.belief.pose.compose(Pose2D(*self._wheels.pose.tolist()).inverse())
 
     def command(self, stamp: float, hold: str = "") -> Twist:
         """Return the velocity command at the time `stamp`; a stop, and `reason`, if the robot may not drive.
@@ -234,7 +230,7 @@ class Driver:
             return
         if stamp < last - MAX_CLOCK_JUMP:
             LOGGER.warning("the clock steps back from %.3f to %.3f s at a message of %s", last, stamp, kind)
-            for each in (self._scans, self._motion, self._rates):
+            for each in (self._scans, self._wheels.messages, self._rates):
                 each.clear()
             self._newest.clear()
             self._stamp = self._scan_stamp = -math.inf
@@ -251,7 +247,8 @@ class Driver:
         self._fault = reason
 
     def _next_scan(self) -> tuple[float, np.ndarray] | None:
-        first, newest = (self._motion[0][0], self._motion[-1][0]) if self._motion else (math.inf, -math.inf)
+        messages = self._wheels.messages
+        first, newest = (messages[0][0], messages[-1][0]) if messages else (math.inf, -math.inf)
         found = None
         while newest > self._stamp and self._scans and self._scans[0][0] <= newest:
             found = self._scans.popleft()
@@ -262,23 +259,24 @@ class Driver:
 
     def _use(self, scan_stamp: float, ranges: np.ndarray) -> None:
         """Estimate and observe the state at the newest odometry."""
-        stamp, is_first = self._motion[-1][0], not self.has_begun
+        wheels, is_first = self._wheels, not self.has_begun
+        stamp, before = wheels.messages[-1][0], wheels.ticks
         if is_first:
             self._offset = stamp
         elif not stamp - self._stamp <= self.timeout:  # a pause, or another clock
             self._offset = stamp - self._time - self.env.control_period
         self._time, self._scan_stamp = stamp - self._offset, scan_stamp
-        times, content = np.array([time for time, _ in self._motion]), np.array([each for _, each in self._motion])
         if scan_stamp != stamp:
-            ranges = self._moved(ranges, *self._poses(times, content, np.array([scan_stamp, stamp])))
-        ticks = self._counts(times, content, is_first)
+            ranges = self._moved(ranges, *wheels.poses(np.array([scan_stamp, stamp])))
+        if num_jumps := wheels.advance(self._stamp, self.timeout, is_first=is_first):
+            self._drop("jump of odometry", num_jumps)
         rates = [rate for time, rate in self._rates if time <= stamp]
         yaw_rate = float(np.mean(rates)) if rates else 0.0
         if not (rates or is_first):
-            (left, right), odometry = np.subtract(ticks, self._ticks), self.robot.odometry
+            (left, right), odometry = np.subtract(wheels.ticks, before), self.robot.odometry
             yaw_rate = float((right - left) * odometry.metres_per_tick / odometry.track / (stamp - self._stamp))
-        self.env.simulator.sample = Sample(self._time, ranges, ticks, yaw_rate, self._touched)  # type: ignore[attr-defined]
-        self._stamp, self._touched, self._fault, self._ticks = stamp, False, "", ticks
+        self.env.simulator.sample = Sample(self._time, ranges, wheels.ticks, yaw_rate, self._touched)  # type: ignore[attr-defined]
+        self._stamp, self._touched, self._fault = stamp, False, ""
         self._rates = deque(each for each in self._rates if each[0] > stamp)
         if is_first:
             rng = np.random.default_rng([self._seed, 1])
@@ -287,13 +285,6 @@ class Driver:
         else:
             self.env.advance(self._commands)
             self._observation = self.env.observe()
-
-    def _poses(self, times: np.ndarray, content: np.ndarray, at: np.ndarray) -> np.ndarray:
-        if not self._uses_encoders:
-            return interpolate_poses(times, content, at)
-        numbers = self.robot.odometry.metres_per_tick, self.robot.odometry.track
-        counts = np.column_stack([np.interp(at, times, column) for column in (content - content[-1]).T])
-        return np.array([wheel_motion(left, right, *numbers) for left, right in counts])
 
     def _moved(self, ranges: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """Return the ranges of a scan from the base pose `before` as from the pose `after`."""
@@ -304,32 +295,10 @@ class Driver:
         scan = Scan(ranges, first + theta, step, lidar.range_min, lidar.range_max, position=(x, y, 0.0))
         return resampled(scan, (0.0, 0.0), first, step, lidar.num_beams)
 
-    def _counts(self, times: np.ndarray, content: np.ndarray, is_first: bool) -> tuple[int, int]:
-        """Return the newest encoder counts, or those of virtual encoders that follow odometry."""
-        if self._uses_encoders:
-            left, right = content[-1].astype(int).tolist()
-            return left, right
-        is_new = times > self._stamp
-        path = content[-1:] if is_first else np.vstack([self._pose, content[is_new]])
-        durations = np.diff(times[is_new], prepend=max(self._stamp, times[is_new][0] - self.timeout))[: len(path) - 1]
-        self._pose = content[-1]
-        steps = between_poses(path[:-1], path[1:])
-        half = 0.5 * steps[:, 2]
-        lengths = (steps[:, 0] * np.cos(half) + steps[:, 1] * np.sin(half)) / np.sinc(half / math.pi)
-        max_v, max_w = MAX_SPEED * np.maximum(PUSHED, (self.robot.max_v, self.robot.max_w))
-        longest = durations + JITTER
-        has_jumped = (abs(lengths) > max_v * longest) | (abs(steps[:, 2]) > max_w * longest)
-        if has_jumped.any():
-            self._drop("jump of odometry", int(has_jumped.sum()))
-        lengths, turns = np.where(has_jumped, 0.0, [self._scales[0] * lengths, self._scales[1] * steps[:, 2]])
-        sides = 0.5 * self.robot.odometry.track * turns
-        self._wheels += (lengths - sides).sum(), (lengths + sides).sum()
-        left, right = np.rint(self._wheels / self.robot.odometry.metres_per_tick).astype(int).tolist()
-        return left, right
-
     def _why_stopped(self, stamp: float) -> str:
         missing, fault = "odometry" if self._scans else "scan", f" (dropped: {self._fault})" if self._fault else ""
-        if self._scans and self._motion and (lag := self._scans[0][0] - self._motion[-1][0]) > self.timeout:
+        messages = self._wheels.messages
+        if self._scans and messages and (lag := self._scans[0][0] - messages[-1][0]) > self.timeout:
             return f"the stamps of odometry are {lag:.1f} s behind those of scans"
         if not self.has_begun:
             return f"no {missing} yet{fault}"
@@ -338,11 +307,11 @@ class Driver:
         if not age <= self.timeout:
             return f"no {missing} for {age:.1f} s{fault}"
         task = self.env.task
-        if hasattr(task, "goal"):
+        if task.goal is not None:
             if not task.has_goal:
                 return "no goal yet"
             pose, goal = self.belief.pose, task.goal
             turn = abs(wrap_angle(pose.theta - goal.theta))
-            if math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= getattr(task, "heading_tolerance", 4.0):
+            if math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= (task.heading_tolerance or math.pi):
                 return "reached"
         return ""

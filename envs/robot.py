@@ -15,6 +15,7 @@ from lidarnaut.envs.estimation.motion import update_bias
 from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, are_on_bodies, as_bodies, scan_ends
 from lidarnaut.envs.estimation.tracking import LARGE_ENOUGH, NOT_STANDING, PeopleTracker
 from lidarnaut.envs.estimation.trail import Trail, interpolate
+from lidarnaut.envs.files import with_defaults
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import RobotParams
@@ -82,7 +83,7 @@ class Robot:
     ) -> None:
         """Create a robot; with `uses_true_motion` the estimator receives the true motion instead of odometry."""
         self.params = params
-        self.estimator = estimator
+        self.estimator = with_defaults(estimator, Estimator)
         kind = type(estimator)  # checks would take 5 % of a kinematic step
         self._own_estimator = "" if kind.__module__.startswith("lidarnaut.envs.") else kind.__name__
         self.control_period = control_period
@@ -93,7 +94,11 @@ class Robot:
         """Tracker that excludes people from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
         """Whether odometry moves the pose between processed scans; False if the estimator processes every scan."""
-        slam: Any = getattr(estimator, "params", None)  # None for dead reckoning
+        least: Any = (
+            estimator.params
+            if isinstance(estimator, KeyScanSlam)
+            else SimpleNamespace(min_travel_distance=math.inf, min_travel_angle=math.inf)
+        )
         self._reading: Reading
         self._batch: SimpleNamespace | None = None
         self._setup = MotionSettings(
@@ -102,8 +107,8 @@ class Robot:
             uses_gyro=float(params.odometry.uses_gyro),
             gyro_variance=params.imu.gyro_std**2,
             uses_truth=float(uses_true_motion),
-            min_travel_distance=getattr(slam, "min_travel_distance", math.inf) if self.follows_odometry else -1.0,
-            min_travel_angle=getattr(slam, "min_travel_angle", math.inf) if self.follows_odometry else 0.0,
+            min_travel_distance=least.min_travel_distance if self.follows_odometry else -1.0,
+            min_travel_angle=least.min_travel_angle if self.follows_odometry else 0.0,
         )
 
     @property
@@ -268,7 +273,7 @@ class Robot:
         if self._own_estimator:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
-        key_pose = self.estimator.last_key_pose if self.follows_odometry else belief.pose  # type: ignore[attr-defined]
+        key_pose = self.estimator.last_key_pose if self.follows_odometry else belief.pose
         self._row[at.POSE : at.KEY_POSE + 3] = *belief.pose, *key_pose
         self._row[at.SLIP] = 0.0
         if belief.twist is not None:
@@ -328,13 +333,13 @@ def reset_robots(
     shared_map = None
     for k, (robot, reading, prior, rng) in enumerate(zip(robots, readings, priors, rngs, strict=True)):
         robot.reset(rows, k, reading, prior, rng, shared_map)
-        shared_map = getattr(robot.estimator, "map", None)
+        shared_map = robot.estimator.map
     if len(robots) > 1:
         pyramid = MapPyramid(robots[0].belief.grid, [robot.trail for robot in robots])
         for robot in robots:
             robot.pyramid = pyramid
     for robot in robots:
-        if getattr(robot.estimator, "uses_first_scan", True):
+        if robot.estimator.uses_first_scan:
             robot.integrate()
         else:
             robot._remember(robot.belief.pose)

@@ -27,6 +27,9 @@ SHARED_QUANTITIES = (*COLUMNS, "obstacle_gap", "position_error", "yaw_error")
 """Quantities of all tasks, see `Rewards`. `COLUMNS`: indices of some in a robot's state vector."""
 
 
+DEFAULT_TIME_LIMIT = 300.0
+
+
 class ObservationPart(Protocol):
     """Entry of the observation dictionary of a robot.
 
@@ -155,8 +158,9 @@ def total(terms: Mapping[str, Any]) -> Any:
 class Task(ABC):
     """Base of tasks, which define worlds, start poses, estimators, reward and end of episodes.
 
-    Constructor parameters become arguments of the environments. A task has access to ground truth. Policies only see
-    its observation parts and `prior`.
+    Subclasses define `weights`. Other members have defaults, except worlds, starts and the estimator. Constructor
+    parameters become arguments of the environments. A task has access to ground truth. Policies only see its
+    observation parts and `prior`.
 
     For fast vector environments, a task may keep its state in the arrays `Rows.memory` and define `update_rows(batch)`:
     `update` for all environments of `batch.active`. It returns `quantities`, `metrics` and whether the episode has
@@ -204,6 +208,16 @@ class Task(ABC):
     """Entries of `reset(options=...)` named in `reset_options`, for this episode."""
     end_reason: str | None = None
     """Reason why the task has ended the episode, or None."""
+    coverage: Any = None
+    """Explored part of the world, `lidarnaut.envs.tasks.coverage.Coverage`; None for tasks without exploration."""
+    goal: Any = None
+    """Goal pose, map frame; None for tasks without a goal."""
+    heading_tolerance: float | None = None
+    """Heading tolerance of the goal [rad]; None for goals without a heading."""
+    route: Any = None
+    """Route to follow, `lidarnaut.envs.tasks.route.Route`; None for tasks without a route."""
+    return_home: bool = False
+    """Whether the robot has to return to its start."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Store robot, control period [s] and physics; called once, before all other methods.
@@ -253,11 +267,10 @@ class Task(ABC):
         """
         return Prior(self.map_pose.between(self.starts[index]))
 
-    @abstractmethod
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode after the robots have processed their first sensor readings.
+        """Start an episode after the robots have processed their first sensor readings; by default, of 300 s.
 
         Args:
             simulator: ground truth: robot states, contacts and people.
@@ -268,18 +281,23 @@ class Task(ABC):
         Returns:
             Default time limit of the episode [s].
         """
+        self.end_reason = None
+        return DEFAULT_TIME_LIMIT
 
-    @abstractmethod
-    def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
+    def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:  # noqa: B027
         """Update the task after a control period of `period` seconds; other arguments as for `reset`."""
 
-    @abstractmethod
     def quantities(self) -> dict[str, float]:
-        """Return the rewarded quantities of the last control period, by reward term."""
+        """Return the rewarded quantities of the last control period, by reward term; by default, its `time` [s]."""
+        return {"time": self.control_period}
 
-    @abstractmethod
     def metrics(self) -> dict[str, Any]:
-        """Return the task's entries of `info`, including `is_success`."""
+        """Return the task's entries of `info`, including `is_success`: by default, whether the task has ended."""
+        return {"is_success": self.end_reason is not None}
+
+    def tell_goal(self, pose: Pose2D) -> Any:
+        """Return the goal that a policy at the estimated `pose` receives, or None."""
+        return self.goal
 
     def final_metrics(self) -> dict[str, Any]:
         """Return further entries of the last `info` of an episode."""

@@ -95,7 +95,7 @@ class Teleop:
             self._save()
         elif key == pygame.K_c:
             slam: Any = self._env.robots[0].estimator
-            if hasattr(slam, "observers"):
+            if slam.observers is not None:
                 slam.observers = () if slam.observers else (MatcherTrace(),)
             else:
                 self._message = f"{type(slam).__name__} does not report tested poses"

@@ -9,10 +9,11 @@ import numpy as np
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut import RobotParams, make_explorer, run_episode
+from lidarnaut import make_explorer, run_episode
 from lidarnaut.agents.policies import make_policy
+from lidarnaut.baselines import Explorer
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.navigation import Candidates
+from lidarnaut.envs.navigation import FEATURES, Candidates
 from lidarnaut.envs.simulation import Reading, Twist
 
 
@@ -21,20 +22,13 @@ def largest(candidates: Candidates, belief: Belief) -> np.ndarray:
     return candidates["size"] / (1.0 + candidates["cost"])
 
 
-class Circling:
+class Circling(Explorer):
     """Explorer that drives in circles, wider in open space."""
-
-    end_reason = None  # a string ends the episode
-    plan = None  # a path to draw, shape (n, 2), map frame [m]
-
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Start an episode; use `rng` for all random numbers."""
-        self._robot = robot
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         """Return the twist for the next control period, without access to ground truth."""
         nearest = float(np.nanmin(reading.ranges))
-        return Twist(0.5 * self._robot.max_v, self._robot.max_w / (1.0 + nearest))
+        return Twist(0.5 * self.robot.max_v, self.robot.max_w / (1.0 + nearest))
 
 
 def ahead(observation: dict[str, np.ndarray]) -> np.ndarray:
@@ -50,7 +44,8 @@ class Chooser:
 
     def predict(self, observation: dict[str, np.ndarray], action_masks: np.ndarray) -> tuple[np.int64, None]:
         """Return the index of a candidate, and no state."""
-        return np.argmax(np.where(action_masks, observation["candidates"][:, 0], -1.0)), None
+        visible = observation["candidates"][:, FEATURES.index("visible")]
+        return np.argmax(np.where(action_masks, visible, -1.0)), None
 
 
 def main(seconds: float = 60.0) -> dict[str, float]:

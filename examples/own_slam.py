@@ -1,10 +1,8 @@
 """Custom SLAM: mapping with known motions whose turns are scaled by 98 %, to show the effect.
 
-An `Estimator` has `reset`, `update` and `belief`. This example modifies `KnownPoses`; other SLAMs may subclass
-`lidarnaut.envs.slam.key_scans.KeyScanSlam`.
+This example modifies `KnownPoses`. Other SLAMs are subclasses of `lidarnaut.envs.slam.key_scans.KeyScanSlam` with
+`match`, or of `lidarnaut.envs.estimation.Estimator` with `update`.
 """
-
-from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -14,22 +12,16 @@ import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut import make_explorer, run_episode
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
-from lidarnaut.envs.slam import KnownPoses, load_params
+from lidarnaut.envs.slam import KnownPoses
 
 
 class Forgetful(KnownPoses):
-    """Mapping at the odometry pose, with turns scaled by 98 %."""
+    """Mapping at the odometry pose, with turns scaled by 98 %; pass it or "own_slam:Forgetful" as `slam=`."""
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
         """Process a reading and the motion since the last reading."""
         return super().update(reading, motion._replace(theta=0.98 * motion.theta))
-
-
-def make_forgetful(lidar: LidarParams, resolution: float) -> Forgetful:
-    """Return the SLAM for a lidar and a cell size [m]; pass this function or "own_slam:make_forgetful" as `slam=`."""
-    return Forgetful(lidar, replace(load_params("default"), resolution=resolution))
 
 
 def main(seconds: float = 60.0) -> dict[str, float]:
@@ -39,7 +31,7 @@ def main(seconds: float = 60.0) -> dict[str, float]:
         seconds: Simulated time [s].
     """
     errors = {}
-    for name, slam in (("forgetful", make_forgetful), ("hector", "hector")):
+    for name, slam in (("forgetful", Forgetful), ("hector", "hector")):
         env = gymnasium.make(
             "lidarnaut/Explore-v0", world="turtlebot3_world", slam=slam, physics="kinematic", time_limit=seconds
         )

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
+from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.navigation.frontiers import candidates as column
 from lidarnaut.envs.navigation.frontiers.views import NUM_SECTORS
@@ -18,6 +19,8 @@ left_x_log_visible left_x_log_cost log_mean_gap detour ahead
 """
 NAMES = tuple(_NAMES.split())
 NUM_FEATURES = len(NAMES)
+SCORE_FEATURES = record_type([(name, np.float64) for name in NAMES])
+"""Structured dtype of the score features of a candidate."""
 LEAST_GAIN, LEAST_COST = GainOverCost().least_gain, GainOverCost().least_cost
 """Constants that the rule `gain_over_cost` adds to visible unknown area [m2] and to path cost [m]."""
 PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
@@ -31,13 +34,20 @@ def _length(share, half):
     return half * share / max(1.0 - share, 1e-6)
 
 
-@njit(cache=True, error_model="numpy")
-def score_features(candidates, sectors, gaps, robot, count):
+def score_features(
+    candidates: np.ndarray, sectors: np.ndarray, gaps: np.ndarray, robot: np.ndarray, count: int
+) -> np.ndarray:
     """Return score features of the first `count` frontier candidates, shape (count, NUM_FEATURES), float64.
 
     Other arguments: entries of the observation of `ExploreFrontiers-v0`.
     """
-    out = np.empty((count, NUM_FEATURES))
+    rows = _score_features(candidates, sectors, gaps, robot, count)
+    return rows.view(np.float64).reshape(count, NUM_FEATURES)
+
+
+@njit(cache=True, error_model="numpy")
+def _score_features(candidates, sectors, gaps, robot, count):
+    rows = np.empty(count, dtype=SCORE_FEATURES)
     visible, cost = np.empty(count), np.empty(count)
     for i in range(count):
         visible[i] = _length(candidates[i, column.VISIBLE], column.HALF_AREA)
@@ -45,7 +55,7 @@ def score_features(candidates, sectors, gaps, robot, count):
     total = visible.sum()
     number, left, reach = count / 16.0, total / (total + 50.0), robot[0]
     for i in range(count):
-        row, f = candidates[i], out[i]
+        row, out = candidates[i], rows[i]
         first = second = 20.0
         around, near, mean = visible[i], 0.0, 0.0
         for j in range(count):
@@ -66,25 +76,42 @@ def score_features(candidates, sectors, gaps, robot, count):
         wide = 0.0
         for k in range(NUM_SECTORS):
             wide += unknown[k] > 0.3
-        f[0], f[1] = log_visible, minus_log_cost
-        f[2], f[3] = math.log(visible[i] + 3.0), -math.log(cost[i] + 0.5)
-        f[4], f[5] = -0.1 * cost[i], row[column.COST_RATIO]
-        f[6], f[7], f[8] = row[column.UNKNOWN_1M], row[column.UNKNOWN_2M], row[column.UNKNOWN_4M]
-        f[9], f[10], f[11] = -abs(row[column.TURN]), math.log(size + 0.2), row[column.CLEARANCE]
-        f[12], f[13], f[14] = age / (age + 60.0), row[column.CHOSEN], row[column.FAILURES]
-        f[15] = -3.0 * row[column.RANK]
-        f[16], f[17] = math.log(first + 0.5), math.log(second + 0.5)
-        f[18], f[19] = math.log(around + 0.3), math.log(1.0 + near)
-        f[20] = free.mean()
-        f[21] = (free[0] + free[1] + free[2] + free[NUM_SECTORS - 1] + free[NUM_SECTORS - 2]) / 5.0
-        f[22] = (unknown[0] + unknown[1] + unknown[2] + unknown[NUM_SECTORS - 1] + unknown[NUM_SECTORS - 2]) / 5.0
-        f[23] = wide / NUM_SECTORS
-        f[24], f[25] = number * minus_log_cost, number * log_visible
-        f[26], f[27] = reach * log_visible, reach * minus_log_cost
-        f[28], f[29] = math.exp(-cost[i] / 3.0 - visible[i] / 2.0), math.exp(-cost[i] / 1.5)
-        f[30] = visible[i] / (total + 0.3)
-        f[31], f[32] = left * log_visible, left * minus_log_cost
-        f[33] = math.log(mean + 1.0)
-        f[34] = min((distance + 0.5) / (cost[i] + 0.5), 2.0)
-        f[35] = row[column.AHEAD] * column.OFFSET_SCALE / (distance + 0.5)
-    return out
+        out.log_visible = log_visible
+        out.minus_log_cost = minus_log_cost
+        out.log_visible_3 = math.log(visible[i] + 3.0)
+        out.minus_log_cost_half = -math.log(cost[i] + 0.5)
+        out.minus_cost = -0.1 * cost[i]
+        out.cost_ratio = row[column.COST_RATIO]
+        out.unknown_1m = row[column.UNKNOWN_1M]
+        out.unknown_2m = row[column.UNKNOWN_2M]
+        out.unknown_4m = row[column.UNKNOWN_4M]
+        out.minus_turn = -abs(row[column.TURN])
+        out.log_size = math.log(size + 0.2)
+        out.clearance = row[column.CLEARANCE]
+        out.age = age / (age + 60.0)
+        out.chosen = row[column.CHOSEN]
+        out.failures = row[column.FAILURES]
+        out.minus_rank = -3.0 * row[column.RANK]
+        out.log_gap_first = math.log(first + 0.5)
+        out.log_gap_second = math.log(second + 0.5)
+        out.log_visible_around = math.log(around + 0.3)
+        out.log_number_around = math.log(1.0 + near)
+        out.free_range = free.mean()
+        out.free_range_outward = (free[0] + free[1] + free[2] + free[NUM_SECTORS - 1] + free[NUM_SECTORS - 2]) / 5.0
+        out.unknown_outward = (
+            unknown[0] + unknown[1] + unknown[2] + unknown[NUM_SECTORS - 1] + unknown[NUM_SECTORS - 2]
+        ) / 5.0
+        out.unknown_sectors = wide / NUM_SECTORS
+        out.number_x_log_cost = number * minus_log_cost
+        out.number_x_log_visible = number * log_visible
+        out.range_x_log_visible = reach * log_visible
+        out.range_x_log_cost = reach * minus_log_cost
+        out.small_and_near = math.exp(-cost[i] / 3.0 - visible[i] / 2.0)
+        out.very_near = math.exp(-cost[i] / 1.5)
+        out.share_of_visible = visible[i] / (total + 0.3)
+        out.left_x_log_visible = left * log_visible
+        out.left_x_log_cost = left * minus_log_cost
+        out.log_mean_gap = math.log(mean + 1.0)
+        out.detour = min((distance + 0.5) / (cost[i] + 0.5), 2.0)
+        out.ahead = row[column.AHEAD] * column.OFFSET_SCALE / (distance + 0.5)
+    return rows

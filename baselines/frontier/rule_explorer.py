@@ -6,6 +6,7 @@ import numpy as np
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates, FrontierNavigator, Markers, NavigatorParams, PlanningParams
 from lidarnaut.envs.navigation.frontiers.frontier_navigator import ARRIVED, DRIVE_TIME_UP, RETRY_RADIUS
+from lidarnaut.envs.navigation.policy import Explorer
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
@@ -27,7 +28,7 @@ class FrontierRule(Protocol):
         """
 
 
-class RuleExplorer:
+class RuleExplorer(Explorer):
     """Drives to the candidate (reachable frontier) with the highest score of a rule."""
 
     def __init__(
@@ -47,28 +48,26 @@ class RuleExplorer:
         self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
         self.planning, self.params = planning, params
         self.uses_ground_truth = getattr(rule, "uses_ground_truth", False)
-        self.end_reason: str | None = None
-        """Reason why exploration ended, `"no_reachable_frontier"` or `"stuck"`; None while exploring."""
-        self.navigator: FrontierNavigator | None = None
-        self.scores: np.ndarray | None = None
-        """Scores of the reachable frontiers at the last choice, shape (k,)."""
         self._has_begun = False
 
     @property
-    def plan(self) -> np.ndarray | None:
+    def plan(self) -> np.ndarray | None:  # type: ignore[override]
         return self.navigator.plan if self.navigator is not None and self._has_begun else None
 
     @property
-    def markers(self) -> Markers | None:
+    def markers(self) -> Markers | None:  # type: ignore[override]
         return Markers.of([self.navigator]) if self._has_begun else None
 
     @property
-    def status(self) -> str:
+    def status(self) -> str:  # type: ignore[override]
         """Goal, and numbers of reachable frontiers and of blacklisted goals or failed drives, for the log."""
         if (navigator := self.navigator) is None or not self._has_begun:
             return ""
-        goal, failed = np.round(navigator.target or (), 2).tolist(), getattr(self.rule, "blacklist", navigator.failures)
-        return f"goal {goal}, {len(navigator.candidates)} frontiers, {len(failed)} blacklisted"
+        goal = np.round(navigator.target or (), 2).tolist()
+        return f"goal {goal}, {len(navigator.candidates)} frontiers, {self._count_failed(navigator)} blacklisted"
+
+    def _count_failed(self, navigator: FrontierNavigator) -> int:
+        return len(navigator.failures)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self.navigator = FrontierNavigator(

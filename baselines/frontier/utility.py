@@ -19,7 +19,7 @@ from lidarnaut.baselines.frontier.rules import CELL
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.distance_transform import squared_distances
-from lidarnaut.envs.navigation import Candidates, DwbPlanner, crop_to_known
+from lidarnaut.envs.navigation import Candidates, DwbPlanner, FrontierNavigator, crop_to_known
 from lidarnaut.envs.navigation.frontiers.frontiers import information_gain
 from lidarnaut.envs.navigation.maps.costmap import OCCUPIED_FROM
 from lidarnaut.envs.navigation.maps.planning_params import DwbParams, NavigatorParams, PlanningParams
@@ -181,6 +181,9 @@ class FrontierExplorer(RuleExplorer):
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         super().reset(robot, control_period, rng)
         self._planner = DwbPlanner(robot, control_period, self.dwb) if self.dwb else None
+
+    def _count_failed(self, navigator: FrontierNavigator) -> int:
+        return len(self.rule.blacklist)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         twist, planner = super().act(reading, belief), self._planner

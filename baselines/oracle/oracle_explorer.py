@@ -8,6 +8,7 @@ from lidarnaut.envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import Navigator, PlanningMap, crop_to_known, make_costmap, plan_path
 from lidarnaut.envs.navigation.controllers.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN
+from lidarnaut.envs.navigation.policy import Explorer
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.coverage import Coverage
@@ -64,7 +65,7 @@ class TrueMap:
         return self._grid
 
 
-class OracleExplorer:
+class OracleExplorer(Explorer):
     """Explorer that knows the true map and drives a short tour that observes the area.
 
     Paths are planned on the estimated map, with true values in unknown cells.
@@ -75,11 +76,11 @@ class OracleExplorer:
         self._coverage: Coverage | None = None
 
     @property
-    def end_reason(self) -> str | None:
+    def end_reason(self) -> str | None:  # type: ignore[override]
         return self._rest.end_reason
 
     @property
-    def plan(self) -> np.ndarray | None:
+    def plan(self) -> np.ndarray | None:  # type: ignore[override]
         return self._rest.plan if self._is_done or self._map is None else self._navigator.plan
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:

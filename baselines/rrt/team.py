@@ -79,7 +79,7 @@ class RrtTeam(TeamExplorer):
         self._detector = RrtDetector(self._params, rng)
 
     @property
-    def markers(self) -> Markers | None:
+    def markers(self) -> Markers | None:  # type: ignore[override]
         markers, detector = super().markers, self._detector
         if markers is None or detector is None:
             return None

@@ -7,6 +7,7 @@ from lidarnaut.baselines.frontier.pursuit_explorer import pursue
 from lidarnaut.baselines.teams.assignment import Assignment
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Markers
+from lidarnaut.envs.navigation.policy import Explorer
 from lidarnaut.envs.navigation.teams.team_navigator import TeamNavigator
 from lidarnaut.envs.navigation.teams.team_robot import TeamRobot
 from lidarnaut.envs.robots import RobotParams
@@ -16,11 +17,10 @@ PERIOD = 1.0
 """Time between assignments of frontiers to all robots [s]."""
 
 
-class TeamExplorer:
+class TeamExplorer(Explorer):
     """Assigns frontiers to one or several robots, and steers each robot along its path."""
 
     is_team = True
-    plan = None
 
     def __init__(self, rule: Assignment | None = None, *, period: float = PERIOD) -> None:
         """Create a team with a rule that assigns frontiers to robots.
@@ -37,7 +37,7 @@ class TeamExplorer:
         self._navigator, self._steps = None, 0
 
     @property
-    def end_reason(self) -> str | None:
+    def end_reason(self) -> str | None:  # type: ignore[override]
         return None if self._navigator is None else self._navigator.end_reason
 
     @property
@@ -45,14 +45,16 @@ class TeamExplorer:
         return [] if self._navigator is None else self._navigator.plans
 
     @property
-    def markers(self) -> Markers | None:
+    def markers(self) -> Markers | None:  # type: ignore[override]
         return None if self._navigator is None else Markers.of(self._navigator.team)
 
     @property
     def targets(self) -> list[tuple[float, float] | None]:
         return [] if self._navigator is None else self._navigator.targets
 
-    def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
+    def act(  # type: ignore[override]
+        self, readings: Sequence[Reading], beliefs: Sequence[Belief]
+    ) -> list[Twist]:
         if not self._is_reset:
             raise RuntimeError("call reset before act")
         if self._navigator is None:

@@ -189,7 +189,7 @@ class Evaluation:
                         env.reset(seed=seed)
                         classic = policies_for(env)
                         self._chooses = isinstance(env.action_space, spaces.Discrete)
-                        self._explores = hasattr(inner.task, "coverage") and len(inner.robots) == 1
+                        self._explores = inner.task.coverage is not None and len(inner.robots) == 1
                 except FAULTS as error:  # reported again by the episodes
                     faults.append(error)
         if classic is None:

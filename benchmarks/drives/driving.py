@@ -191,7 +191,7 @@ def measure_loads(hours: float = 1.0) -> list[Row]:
 
 def _is_over(driver: Driver, robot: SimulatedRobot, rng: np.random.Generator) -> bool:
     """Return whether an explorer has ended; give a controller without a goal a new one."""
-    if not hasattr(driver.env.task, "goal"):
+    if driver.env.task.goal is None:
         return driver.reason in ("no_reachable_frontier", "stuck")
     if driver.reason in ("no goal yet", "reached"):
         driver.goal(*robot.start.between(robot.area.draw_pose(rng))[:2])

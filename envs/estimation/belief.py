@@ -1,11 +1,12 @@
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from lidarnaut.envs.files import SHORT
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
+from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.simulation import Reading, Twist
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
@@ -90,27 +91,54 @@ class Belief:
         return rows
 
 
-class Estimator(Protocol):
-    """Interface of SLAM and localization: estimates pose and map from sensor readings and odometry.
+class Estimator:
+    """Base of SLAM and localization, which estimate pose and map from sensor readings and odometry.
 
-    Constructors take the lidar geometry and parameters. With the class attribute `shares_maps = True`, several robots
-    can share one map. With `uses_first_scan = False`, the scan at the reset is ignored. `reset` may have an argument
-    `covariance` of the initial pose, shape (3, 3), float64 [m, m, rad].
+    Subclasses define `update`. `reset` may have an argument `covariance` of the initial pose, shape (3, 3), float64 [m,
+    m, rad].
     """
 
-    @property
-    def belief(self) -> Belief: ...
+    belief: Belief
+    """Current estimate, set by `reset` and changed in place by `update`."""
+    rng: np.random.Generator
+    """Random generator of the episode."""
+    uses_first_scan: bool = True
+    """Whether the scan at the reset is processed."""
+    shares_maps: bool = False
+    """Whether the robots of a team can share one `map`."""
+    map: Any = None
+    """Map that `reset` of another estimator accepts; None if `shares_maps` is False."""
+    particles: np.ndarray | None = None
+    """Sampled poses for pictures, shape (n, 3), map frame [m, m, rad]; None for none."""
+    observers: Sequence[Any] | None = None
+    """Observers of the poses tested in scan matching; None if not supported."""
+    anchor: Any = None
+    """For replays: row of `belief.path`, and current pose relative to that row; None for paths with all scans."""
+    loop_closures: int | None = None
+    """Number of loop closures since the reset; None if loops are not closed."""
+    pose_graph: Any = None
+    """Graph with `nodes`, shape (n, 3), and `edges`, see `lidarnaut.envs.logs.runs.save_g2o`; None for none."""
 
     def reset(self, rng: np.random.Generator, pose: Any = ORIGIN, map: Any = None) -> Belief:
-        """Start a new episode and return the initial estimate.
+        """Start a new episode and return the initial estimate; by default, an unknown map of one cell.
 
         `pose`: initial pose, map frame, or None if unknown on a known map; `map`: known or shared map, or None.
+
+        Raises:
+            ValueError: the estimator does not support these arguments.
         """
-        ...
+        if pose is None:
+            raise ValueError(f"{type(self).__name__} needs a start pose")
+        blank = OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.int8), 0.05, (0.0, 0.0))
+        self.rng, self.belief = rng, Belief(pose, blank if map is None else map)
+        return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
         """Process a sensor reading; `motion` is the base pose relative to the last reading, by odometry."""
-        ...
+        raise NotImplementedError(f"{type(self).__name__} must define update(reading, motion)")
+
+    def finish(self) -> None:
+        """Complete corrections after the last scan of a replay, in `belief.path`."""
 
 
 def check_belief(belief: Any, name: str, grid: OccupancyGrid | None = None, before: Any = (None, None)) -> None:

@@ -113,3 +113,18 @@ def resolve(value: Any, table: Mapping[str, Entry], what: str, *, files: bool = 
     if not table:
         raise ValueError(f"unknown {what} {value!r}; allowed is module:attribute of your own code")
     raise ValueError(f"unknown {what} {explain_unknown(value, table)}{further}, and module:attribute of your own code")
+
+
+def with_defaults(value: Any, base: type) -> Any:
+    """Add the attributes and methods of a class `base` that an object lacks, by a subclass of its class and `base`.
+
+    Raises:
+        ValueError: if the object does not allow this.
+    """
+    kind = type(value)
+    if not issubclass(kind, base):
+        try:
+            value.__class__ = type(kind.__name__, (kind, base), {"__module__": kind.__module__})
+        except TypeError:
+            raise ValueError(f"{SHORT.repr(value)} must be a subclass of {base.__module__}.{base.__name__}") from None
+    return value

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Belief
+from lidarnaut.envs.estimation import ORIGIN, Belief, Estimator
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
@@ -53,7 +53,7 @@ class _MapTables:
         self.in_use[key] = self
 
 
-class Amcl:
+class Amcl(Estimator):
     """Adaptive Monte Carlo localization with KLD-sampling.
 
     Between filter updates, the estimated pose follows odometry. Fox, "Adapting the sample size in particle filters
@@ -61,6 +61,9 @@ class Amcl:
     """
 
     uses_first_scan = False
+    belief: Belief
+    """Map, and estimated pose: mean and covariance of the heaviest particle cluster. `is_lost` is True before
+    convergence, while other poses may explain the scans, or if the scans do not fit the map."""
 
     def __init__(self, lidar: LidarParams, params: AmclParams) -> None:
         self.params = params
@@ -68,18 +71,24 @@ class Amcl:
         self._tables: _MapTables
         self._bins = np.empty(params.most_particles, dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
-        self.belief: Belief
-        """Map, and estimated pose: mean and covariance of the heaviest particle cluster. `is_lost` is True before
-        convergence, while other poses may explain the scans, or if the scans do not fit the map."""
         self.cluster_weight: float
         """Weight of the heaviest particle cluster, from 0 to 1."""
-        self.fit: float
-        """Share of beam end points of recent scans near mapped obstacles; NaN before convergence."""
         self.is_corrected = False
         """Whether the last scan updated the particles."""
 
     @property
-    def particles(self) -> np.ndarray:
+    def fit(self) -> float:
+        """Share of beam end points of recent scans near mapped obstacles; NaN before convergence."""
+        # `sum` rounds differently since Python 3.12.
+        return functools.reduce(operator.add, self._fits) / len(self._fits) if self._fits else math.nan
+
+    @property
+    def _has_converged(self) -> bool:
+        variance = self.belief.covariance[0, 0] + self.belief.covariance[1, 1]
+        return bool(self.cluster_weight >= 0.5 and variance <= MAX_SPREAD**2)
+
+    @property
+    def particles(self) -> np.ndarray:  # type: ignore[override]
         """Copy of the particles x, y, heading: shape (n, 3), float64, map frame [m, m, rad]."""
         return self._particles.T + self._origin
 
@@ -143,7 +152,7 @@ class Amcl:
             if len(self._fits) == params.lost_updates and self.fit < params.lost_fit:
                 self._recover(ranges)
         else:
-            self.belief.pose = self._corrected_pose.compose(moved)
+            self.belief.pose = self._in_map(self._local_pose).compose(moved)
         self.belief.rivals = NO_RIVALS if self._rivals is None else self._rivals.table(self._origin, self._moved)
         return self.belief
 
@@ -260,9 +269,10 @@ class Amcl:
         weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, tables.raster)
         covariance = np.empty((3, 3))
         local = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
-        variance, limit = covariance[0, 0] + covariance[1, 1], MAX_SPREAD**2
-        has_converged = weight >= 0.5 and variance <= limit
-        if self._rivals is None and variance > _WIDE_FACTOR**2 * limit:
+        self.cluster_weight, self._local_pose, belief = weight, local, self.belief
+        belief.pose, belief.covariance = self._in_map(local), covariance
+        has_converged = self._has_converged
+        if self._rivals is None and covariance[0, 0] + covariance[1, 1] > _WIDE_FACTOR**2 * MAX_SPREAD**2:
             self._rivals = Rivals(tables.field, self.params.lost_updates)
         share, hits = (0.0, 0) if ranges is None or not has_converged else tables.field.fit(ranges, local)
         if hits >= _MIN_HITS:
@@ -271,11 +281,8 @@ class Amcl:
             self._fits.append(0.0)
         elif not has_converged:
             self._fits.clear()
-        self.cluster_weight = weight
-        # `sum` rounds differently since Python 3.12.
-        self.fit = functools.reduce(operator.add, self._fits) / len(self._fits) if self._fits else math.nan
-        belief, (x, y, _) = self.belief, self._origin.tolist()
-        belief.pose = self._corrected_pose = Pose2D(local.x + x, local.y + y, local.theta)
-        belief.covariance = covariance
         belief.is_lost = not (has_converged and self._rivals is None) or self.fit < self.params.lost_fit
-        self._local_pose, self._has_converged = local, has_converged
+
+    def _in_map(self, local: Pose2D) -> Pose2D:
+        x, y, _ = self._origin.tolist()
+        return Pose2D(local.x + x, local.y + y, local.theta)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Belief
+from lidarnaut.envs.estimation import ORIGIN, Belief, Estimator
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
@@ -105,7 +105,7 @@ def measure_heading(robot: RobotParams, time: float, period: float, before: floa
     )
 
 
-class FusedPose:
+class FusedPose(Estimator):
     """Estimator that fuses AMCL, wheel encoders and compass by a Kalman filter."""
 
     def __init__(
@@ -135,7 +135,6 @@ class FusedPose:
         """Unfiltered estimate at the last `update`: last received AMCL pose and the odometry since then; speed and yaw
         rate by encoders."""
         self.estimate: Estimate
-        self.belief: Belief
         self.north = math.nan
         """Compass heading of the map's x axis [rad]; set before `reset`."""
         self.pivot = ORIGIN
@@ -162,7 +161,7 @@ class FusedPose:
         return self.belief
 
     @property
-    def particles(self) -> np.ndarray:
+    def particles(self) -> np.ndarray:  # type: ignore[override]
         return self.localizer.particles
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:

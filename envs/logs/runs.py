@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw
 
 from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.estimation.belief import check_belief
-from lidarnaut.envs.files import write_file
+from lidarnaut.envs.files import with_defaults, write_file
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from lidarnaut.envs.geometry.occupancy_grid import crop_to_known
@@ -75,14 +75,13 @@ class Run:
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
     """Run a SLAM on a log; return poses and computation times.
 
-    Final poses come from `Belief.path` (one pose per scan), set at map corrections or by an optional method `finish()`.
-    A SLAM that corrects only some poses has an attribute `anchor`: index of a pose in the path, and the current pose
-    relative to that pose.
+    Final poses come from `Belief.path` (one pose per scan), set at map corrections or by `finish`. With `slam.anchor`,
+    the path holds only some poses.
 
     Raises:
         ValueError: invalid belief or corrected path.
     """
-    slam.reset(np.random.default_rng(seed))
+    with_defaults(slam, Estimator).reset(np.random.default_rng(seed))
     anchors: list[Any] = []
     online, seconds = np.empty((len(log.ranges), 3)), np.empty(len(log.ranges))
     is_lost = np.zeros(len(log.ranges), dtype=np.bool_)
@@ -94,14 +93,13 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
         seconds[k] = time.perf_counter() - begin
         check_belief(belief, type(slam).__name__)
         online[k], is_lost[k] = belief.pose, belief.is_lost
-        if hasattr(slam, "anchor"):
-            anchors.append(slam.anchor)
+        anchors.append(slam.anchor)
         if belief.update.redrawn and belief.path is not None:
             corrected = _final_poses(belief.path, anchors, k + 1)
-    if finish := getattr(slam, "finish", None):
-        finish()
-        if slam.belief.path is not None:
-            corrected = _final_poses(slam.belief.path, anchors, len(online))
+    path = slam.belief.path
+    slam.finish()
+    if slam.belief.path is not None and slam.belief.path is not path:
+        corrected = _final_poses(slam.belief.path, anchors, len(online))
     return Replayed(online, np.concatenate([corrected, online[len(corrected) :]]), seconds, is_lost)
 
 
@@ -118,11 +116,10 @@ def measure(
         trajectory = follow_odometry(log.odometry, log.scan_rows, poses)
         for label, some in relations.items():
             errors[f"{when} {label}"] = relation_error(log.times, trajectory, some)
-    loop_closures = getattr(slam, "loop_closures", None)
     times = float(milliseconds.mean()), float(np.percentile(milliseconds, 99)), float(milliseconds.max())
     shares = float(replayed.is_lost.mean()), conflict_share(log, replayed.final)
     scales = odometry_scales(log.odometry[log.scan_rows], replayed.final)
-    return Run(name, seed, *times, *shares, scales, None if loop_closures is None else int(loop_closures), errors)
+    return Run(name, seed, *times, *shares, scales, slam.loop_closures, errors)
 
 
 def conflict_share(log: Log, poses: np.ndarray) -> float:
@@ -188,8 +185,7 @@ def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Re
     if not np.array_equal(replayed.online, replayed.final):
         online = follow_odometry(log.odometry, log.scan_rows, replayed.online)
         save_trajectory(folder / f"trajectory_online_{seed}.tum", log.times, online)
-    graph = getattr(slam, "pose_graph", None)
-    if graph is not None:
+    if (graph := slam.pose_graph) is not None:
         save_g2o(folder / f"pose_graph_{seed}.g2o", graph.nodes, graph.edges)
 
 
@@ -236,7 +232,7 @@ def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: in
 
 
 def _final_poses(path: np.ndarray, anchors: list[Any], num_scans: int) -> np.ndarray:
-    if anchors:
+    if None not in anchors:
         poses = [Pose2D(*path[node].tolist()).compose(relative) for node, relative in anchors]
         return np.array(poses, dtype=np.float64)
     if path.shape != (num_scans, 3):

@@ -9,9 +9,11 @@ import gymnasium
 import numpy as np
 
 from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import NO_POINTS, Candidates, FrontierNavigator, Markers
 from lidarnaut.envs.navigation.maps.costmap import OCCUPIED_FROM
+from lidarnaut.envs.navigation.policy import Policy
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.simulation.crowd.person_row import KIND
 
@@ -30,15 +32,15 @@ class EpisodeRecorder:
     Other robots are recorded as people. Recording does not affect the episode.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None) -> None:
+    def __init__(self, env: gymnasium.Env[Any, Any], explorer: Policy | None = None) -> None:
         """Prepare to record an environment, beginning with its next `reset`.
 
-        `explorer`: agent that chooses frontiers. Frontier candidates of its `navigator`, a `FrontierNavigator`, and
-        their `scores` are recorded, if any. TypeError if `env` is not an environment of this package.
+        `explorer`: policy; frontier candidates of its `navigator` and their `scores` are recorded, if any. TypeError if
+        `env` is not an environment of this package.
         """
         inner = lidar_env_of(env)
-        self._env, self._explorer = inner, explorer
-        self._chooser = next((one for one in (env.unwrapped, explorer) if hasattr(one, "navigator")), None)
+        self._env, self._explorer = inner, Policy() if explorer is None else explorer
+        self._outer = env.unwrapped
         angles = inner.robot.lidar.angles
         self._beams = np.unique(np.linspace(0, len(angles) - 1, MAX_BEAMS).astype(int))
 
@@ -72,16 +74,20 @@ class EpisodeRecorder:
         self._decisions: list[tuple[float, int, np.ndarray]] = []
         self._candidates = self._offered()
 
+    @property
+    def _navigator(self) -> FrontierNavigator | None:
+        chooser = self._outer if isinstance(self._outer, ExploreFrontiersEnv) else self._explorer
+        return chooser.navigator
+
     def _offered(self) -> Candidates | None:
-        navigator = getattr(self._chooser, "navigator", None)
-        return getattr(navigator, "candidates", None) if isinstance(navigator, FrontierNavigator) else None
+        return None if self._navigator is None else self._navigator.candidates
 
     def _note_decision(self) -> None:
-        candidates = self._offered()
-        if candidates is self._candidates or candidates is None:
+        navigator, scores = self._navigator, self._explorer.scores
+        if navigator is None or navigator.candidates is self._candidates:
             return
+        candidates, target = navigator.candidates, navigator.target
         self._candidates = candidates
-        target, scores = self._chooser.navigator.target, getattr(self._explorer, "scores", None)  # type: ignore[union-attr]
         rows = np.full((len(candidates), len(CANDIDATE_COLUMNS)), np.nan)
         rows[:, :5] = np.column_stack([candidates[name] for name in ("frontier", "cost", "visible", "failures")])
         if scores is not None and len(scores) <= len(rows):  # some may lack scores
@@ -102,7 +108,7 @@ class EpisodeRecorder:
                 "time": env.time,
                 "true_poses": truth.state.pose,
                 "poses": pose,
-                "goals": tuple(getattr(env.task, "goal", (math.nan, math.nan))[:2]),
+                "goals": tuple(env.task.goal[:2]) if env.task.goal is not None else (math.nan, math.nan),
                 "progress": float(env.task.metrics()[env.task.progress]),
                 "path_length": truth.path_length,
                 "contacts": robot.collisions,
@@ -131,7 +137,7 @@ class EpisodeRecorder:
         radii = env.simulator.people[:, 4].tolist() + [env.robot.radius] * (len(env.robots) - 1)
         map_shape, map_origin, cells, changes, map_ends = self._map.arrays()
         facts = {
-            "explorer": type(self._explorer).__name__ if self._explorer is not None else "",
+            "explorer": "" if type(self._explorer) is Policy else type(self._explorer).__name__,
             "world": env.world.name,
             "robot": env.robot.name,
             "radius": env.robot.radius,
@@ -166,7 +172,7 @@ class EpisodeRecorder:
             markers=np.concatenate(self._markers),
             segments=env.world.segments,
             circles=env.world.circles,
-            route=getattr(getattr(env.task, "route", None), "points", NO_POINTS),
+            route=NO_POINTS if env.task.route is None else env.task.route.points,
             people_radii=radii,
             floor=floor,
         )

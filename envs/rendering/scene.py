@@ -77,8 +77,8 @@ def scene_of(env: Any, k: int) -> Scene:
     """Return the current scene (data of a picture) of robot `k` in an environment."""
     robot, truth, task = env.robots[k], env.truths[k], env.task
     estimator = robot.estimator
-    pose_graph = getattr(estimator, "pose_graph", None)
-    plan, observers = env.plans[k], getattr(estimator, "observers", ())
+    pose_graph, plan = estimator.pose_graph, env.plans[k]
+    traces = (one for one in estimator.observers or () if isinstance(one, MatcherTrace))
     return Scene(
         world=env.world,
         robot=robot.params,
@@ -95,10 +95,10 @@ def scene_of(env: Any, k: int) -> Scene:
         progress_label=task.progress.removesuffix("_fraction").replace("_", " "),
         time=env.time,
         collisions=sum(other.collisions for other in env.robots),
-        goal=getattr(task, "goal", None),
-        particles=getattr(estimator, "particles", None),
+        goal=task.goal,
+        particles=estimator.particles,
         has_known_map=env.priors[k].map is not None,
         pose_graph=pose_graph if isinstance(pose_graph, PoseGraphView) else None,
         markers=env.markers() if k == 0 and env.markers else None,
-        tested=next((np.reshape(one.tested, (-1, 4)) for one in observers if isinstance(one, MatcherTrace)), None),
+        tested=next((np.reshape(one.tested, (-1, 4)) for one in traces), None),
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarnaut.envs.estimation import Belief, Estimator
-from lidarnaut.envs.files import resolve, split_parameters
+from lidarnaut.envs.files import resolve, split_parameters, with_defaults
 from lidarnaut.envs.robots import LidarParams, OdometryNoise
 
 from .gmapping.gmapping import GMapping
@@ -97,11 +97,11 @@ def make_slam(
             raise ValueError(f"slam {name!r}: {error}") from error
     if own:
         raise ValueError(f"slam {name!r}: only SLAMs of this package take parameters: {', '.join(SLAMS)}")
-    if callable(found):
-        return found(lidar, resolution)
-    if not hasattr(found, "update"):
+    made = found(lidar, resolution) if callable(found) else copy.deepcopy(found)
+    if not hasattr(made, "update"):
         raise ValueError(f"slam must be a name, module:attribute, a callable or an Estimator, got {name!r}")
-    return copy.deepcopy(found)
+    estimator: Estimator = with_defaults(made, Estimator)
+    return estimator
 
 
 def base_name(name: Any) -> str | None:

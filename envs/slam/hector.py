@@ -39,13 +39,13 @@ class Hector(KeyScanSlam):
             self._matcher = self._matcher._replace(retry_below=0.0, min_known_score=MIN_SCORE_WITH_PEOPLE)
         return super().reset(rng, pose, map)
 
-    def _make_map(self) -> LogOddsMap:
+    def make_map(self) -> LogOddsMap:
         return LogOddsMap(self.params, self._lidar)
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
         return self.map.integrate(ranges, pose)
 
-    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+    def match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         if self.last_key_pose is None:
             return predicted, 1.0
         match = self._match_map(ranges, predicted)

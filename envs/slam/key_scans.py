@@ -1,10 +1,11 @@
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
+from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, Estimator, MapUpdate
 from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.pose import distance
@@ -12,9 +13,11 @@ from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 
+from .grid_map import GridMap
 from .log_odds_map import LOG_ODDS_UNIT, LogOddsMap
 from .matcher import MatcherObserver
 from .scans import check_scan, median_ranges
+from .slam_params import load_params
 
 
 @njit(cache=True, error_model="numpy")
@@ -85,25 +88,28 @@ class KeyScans:
         return np.ascontiguousarray(points[:: len(points) // max_points + 1])
 
 
-class KeyScanSlam(ABC):
+class KeyScanSlam(Estimator, ABC):
     """SLAM that matches and maps key scans (scans after a minimum motion); between them, the pose follows odometry.
 
-    The minimum motion is `params.min_travel_distance` or `params.min_travel_angle`. With `params.match_every_scan`, all
-    scans are matched, but only key scans are inserted into the map.
+    Subclasses define `match`. The minimum motion is `params.min_travel_distance` or `params.min_travel_angle`. With
+    `params.match_every_scan`, all scans are matched, but only key scans are inserted into the map.
     """
 
     meets_people = False
     """Whether the robot tracks people; log-odds of map cells are then limited to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
     """Beams to exclude from the next scan matching but not from mapping, shape (num_beams,), bool; None for none."""
-    observers: tuple[MatcherObserver, ...] = ()
+    observers: Sequence[MatcherObserver] = ()
     """Observers of the poses tested in scan matching."""
     slip = 0.0
     """Distance by odometry [m] while the bumper was pressed, since the last processed scan; wheels slip in contact."""
     shares_maps = True
 
     def __init__(self, lidar: LidarParams, params: Any) -> None:
-        self.params = params
+        """Create a SLAM; `params`: parameters, or the side of a map cell [m] for the defaults of TinySLAM."""
+        is_resolution = isinstance(params, (int, float))
+        self.params: Any = load_params("default", {"resolution": params}) if is_resolution else params
+        params = self.params
         self._lidar = params.limited(lidar)
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.reset(np.random.default_rng(0))
@@ -111,7 +117,7 @@ class KeyScanSlam(ABC):
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
         """Restart at a known pose, map frame, with a new map, or with a given shared map."""
         self.rng, self.slip = rng, 0.0
-        self.map = self._make_map() if map is None else map
+        self.map = self.make_map() if map is None else map
         if self.meets_people and isinstance(self.map, LogOddsMap):
             bound = min(self.map.model.bound, round(MAX_LOG_ODDS_WITH_PEOPLE * LOG_ODDS_UNIT))
             self.map.model = self.map.model._replace(bound=bound)
@@ -148,7 +154,7 @@ class KeyScanSlam(ABC):
         if self.params.median_width > 0.0:
             ranges = median_ranges(ranges, self._lidar.angle_increment, self.params.median_width)
         matched = ranges if self.unmatched is None else np.where(self.unmatched, np.float32(np.nan), ranges)
-        pose, quality = self._match(matched, predicted)
+        pose, quality = self.match(matched, predicted)
         belief.pose, belief.update = pose, NO_UPDATE
         if not self.params.match_every_scan or self.is_key_pose(pose):
             if quality is not None:
@@ -167,10 +173,10 @@ class KeyScanSlam(ABC):
         update: MapUpdate = self.map.integrate(ranges, pose, quality)
         return update
 
-    @abstractmethod
-    def _make_map(self) -> Any:
-        """Return a new, unknown map."""
+    def make_map(self) -> Any:
+        """Return a new, unknown map; by default that of TinySLAM."""
+        return GridMap(self.params, self._lidar)
 
     @abstractmethod
-    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+    def match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         """Match a scan; return the pose, map frame, and the scan's weight in the map (0 to 1), None to skip mapping."""

@@ -31,10 +31,7 @@ class KnownPoses(KeyScanSlam):
     params: TinySlamParams
     map: GridMap
 
-    def _make_map(self) -> GridMap:
-        return GridMap(self.params, self._lidar)
-
-    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+    def match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         return predicted, self.params.quality
 
 
@@ -61,7 +58,7 @@ class TinySlam(KnownPoses):
         self._monitor.reset()
         return super().reset(rng, pose, map)
 
-    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+    def match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         params = self.params
         if self.last_key_pose is None:
             return predicted, params.raw_quality

@@ -78,7 +78,7 @@ class GoalTask(WorldTask):
     def _read_goal(self, goal: Any) -> str | Pose2D:
         if isinstance(goal, str) and goal in ("random", "world"):
             return goal
-        needs_heading = getattr(self, "heading_tolerance", math.pi) < math.pi
+        needs_heading = self.heading_tolerance is not None and self.heading_tolerance < math.pi
         if is_pose(goal, 2) and not needs_heading:
             return Pose2D(float(goal[0]), float(goal[1]), 0.0)
         if not is_pose(goal):

@@ -55,7 +55,7 @@ class WorldTask(Task):
         check_positive(map_resolution=self.map_resolution)
         self._start = read_start(self.start, self.num_robots)
         self._sample = self._sampler(self.world)
-        self._quantities: dict[str, float] = {}  # set by `update`
+        self._quantities = super().quantities()  # set by `update`
 
     def _sampler(self, world: Any) -> WorldSampler:
         settings: dict[str, Any] = {"split": self.split, "size": self.world_size, "radius": self.robot.radius}
@@ -126,7 +126,7 @@ class UnknownWorldTask(WorldTask):
         """Create the SLAM algorithm; ValueError if unknown, or unable to share a map in a team."""
         robot = self.robot
         slam = make_slam(self.slam, robot.lidar, self.map_resolution, odometry_noise=robot.odometry.noise)
-        if self.num_robots > 1 and not getattr(slam, "shares_maps", False):
+        if self.num_robots > 1 and not slam.shares_maps:
             raise ValueError(f"slam {self.slam!r} cannot share a map; choose hector, tinyslam, odometry or truth")
         return slam
 

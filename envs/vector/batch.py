@@ -21,6 +21,9 @@ OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
 """Keys of `info` that are common to all tasks."""
 MOST_POSITIONS = 256
 """Maximum number of positions buffered per robot before they are appended to recorded paths."""
+HAS_COLUMNS, UPDATES_ROWS, HAS_NO_MAPS = range(3)
+"""Columns of properties that select the methods of a batch: rewards with the weights of the first sub-environment, a
+task with `update_rows`, dead reckoning without a map."""
 
 
 @njit(cache=True)
@@ -38,6 +41,33 @@ def put(items, i, item):
     items[i] = item
 
 
+class Trails:
+    """Buffer of the positions of all robots in the batch, for their recorded paths."""
+
+    def __init__(self, envs: Sequence[Any]) -> None:
+        self._envs, count = envs, len(envs) * len(envs[0].robots)
+        self._positions = np.empty((count, MOST_POSITIONS, 4))
+        self._counts = np.zeros((count, 2), dtype=np.int64)
+
+    def clear(self, index: int) -> None:
+        """Delete the buffered positions of a sub-environment."""
+        self._counts.reshape(len(self._envs), -1)[index] = 0
+
+    def record(self, numbers: np.ndarray, active: np.ndarray) -> bool:
+        """Record positions of the active robots, and return whether a buffer is full."""
+        return bool(record_positions(numbers, active, self._positions, self._counts))
+
+    def extend(self, indices: Iterable[int]) -> None:
+        """Move the buffered positions of some sub-environments to the recorded paths of their robots."""
+        for i in indices:
+            env = self._envs[i]
+            first = i * len(env.robots)
+            for k, (robot, truth) in enumerate(zip(env.robots, env.truths, strict=True), first):
+                robot.trail.extend(self._positions[k, : self._counts[k, 0], :2])
+                truth.trail.extend(self._positions[k, : self._counts[k, 1], 2:])
+                self._counts[k] = 0
+
+
 class Batch:
     """Sub-environments that are stepped together by Numba functions."""
 
@@ -45,7 +75,6 @@ class Batch:
         self._envs, self._arrays = envs, arrays
         env = envs[0]
         self.robots = [robot for each in envs for robot in each.robots]
-        self._num_robots, self._limits = len(env.robots), np.array([env.robot.max_v, env.robot.max_w])
         rows = [each.rows for each in envs]
         self.numbers, self.ranges, self._draws = (
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
@@ -56,15 +85,12 @@ class Batch:
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
         self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
-        self._time_limits, self._period = np.zeros(len(envs)), env.control_period
+        self._time_limits = np.zeros(len(envs))
         self._part_writes_rows = {
             name: _has_own(part, "write_rows", "write", of="lidarnaut.") for name, part in env.parts.items()
         }
-        self._has_own_parts = not all(self._part_writes_rows.values())
         self._are_alike = np.zeros((len(envs), 3), dtype=np.bool_)
-        self._positions = np.empty((len(self.robots), MOST_POSITIONS, 4))
-        self._counts = np.zeros((len(self.robots), 2), dtype=np.int64)
-        self._own_info = OWN_INFO | ({"randomized"} if hasattr(env, "randomized") else set())
+        self._trails = Trails(envs)
         self._names: Iterable[str] = ()  # names of reward quantities
         self._levels: dict[float, Any] = {}
         self.surroundings: Any = None
@@ -83,7 +109,8 @@ class Batch:
             put(self.surroundings, i, _surroundings(env))
             for arrays, array in zip(self.task_arrays, env.task.arrays, strict=True):
                 put(arrays, i, array)
-            self._is_new[robots], self._counts[robots] = True, 0
+            self._is_new[robots] = True
+            self._trails.clear(i)
             rewards, weights = env.task.rewards, envs[0].task.rewards.weights
             is_unobserved = not env.sensors and env.on_period is None
             self._are_alike[i] = (
@@ -94,8 +121,22 @@ class Batch:
             self._time_limits[i] = env.time_limit
             follows = all(robot.follows_odometry and robot.tracker is None for robot in env.robots)
             self._rests[i] = follows and is_unobserved and (env.task.rests_between_scans or self._are_alike[i, 1])
-        alike: Any = self._are_alike.all(axis=0)
-        self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
+
+    @property
+    def _num_robots(self) -> int:
+        return len(self._envs[0].robots)
+
+    @property
+    def _has_columns(self) -> bool:
+        return bool(self._are_alike[:, HAS_COLUMNS].all())
+
+    @property
+    def _updates_rows(self) -> bool:
+        return bool(self._are_alike[:, UPDATES_ROWS].all())
+
+    @property
+    def _has_no_maps(self) -> bool:
+        return bool(self._are_alike[:, HAS_NO_MAPS].all())
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
         """Step the active sub-environments by one control period, and return a mask of ended episodes.
@@ -105,31 +146,33 @@ class Batch:
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
-        if self._has_no_maps and record_positions(self.numbers, self.active, self._positions, self._counts):
-            self._extend_trails(range(len(active)))
+        if self._has_no_maps and self._trails.record(self.numbers, self.active):
+            self._trails.extend(range(len(active)))
         flags = self.numbers[:, at.FLAGS].reshape(len(active), -1)
         self._has_scanned = (flags % 2.0 == SCAN).any(axis=1)
         is_over = active & (is_last | (self._times >= self._time_limits - 1e-6))
         columns: Any = None
-        if self._updates_rows:
+        updates_rows = self._updates_rows
+        if updates_rows:
             *columns, has_ended = self._envs[0].task.update_rows(self)
             is_over |= active & has_ended
         busy = active & (~self._rests | self._has_scanned | self._is_new[:: self._num_robots] | is_over)
         idle = active & ~busy
-        for i in np.flatnonzero(idle if self._has_own_parts else idle & flags.any(axis=1)).tolist():
+        has_own_parts = not all(self._part_writes_rows.values())
+        for i in np.flatnonzero(idle if has_own_parts else idle & flags.any(axis=1)).tolist():
             self._envs[i].locate()
         chosen = np.flatnonzero(busy).tolist()
         self._finish(chosen)
         self._is_behind = (self._is_behind | idle) & ~busy
         self._observe(np.flatnonzero(active).tolist())
-        if not self._updates_rows:
+        if not updates_rows:
             for i in chosen:
                 is_over[i] |= self._envs[i].task.end_reason is not None
         going = active & ~is_over
         if going.any():
             chosen = np.flatnonzero(busy & going).tolist()
             self._judge(going, chosen, columns, records)
-            if not self._updates_rows:
+            if not updates_rows:
                 self._note_metrics(chosen, records)
         return is_over
 
@@ -140,23 +183,20 @@ class Batch:
 
     def _finish(self, indices: Sequence[int]) -> None:
         if self._has_no_maps:
-            self._extend_trails(indices)
+            self._trails.extend(indices)
+        updates_rows = self._updates_rows
         for i in indices:
-            self._envs[i].locate() if self._updates_rows else self._envs[i].finish()
-
-    def _extend_trails(self, indices: Sequence[int]) -> None:
-        for i in indices:
-            robots = range(i * self._num_robots, (i + 1) * self._num_robots)
-            for k, robot, truth in zip(robots, self._envs[i].robots, self._envs[i].truths, strict=True):
-                robot.trail.extend(self._positions[k, : self._counts[k, 0], :2])
-                truth.trail.extend(self._positions[k, : self._counts[k, 1], 2:])
-                self._counts[k] = 0
+            self._envs[i].locate() if updates_rows else self._envs[i].finish()
 
     def _drive(self, active: np.ndarray) -> None:
         numbers, envs = self.numbers, self._envs
+        robot = envs[0].robot
         actions = np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)
         numbers[:, at.ACTION_V : at.ACTION_W + 1] = actions
-        numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * self._limits
+        numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * (
+            robot.max_v,
+            robot.max_w,
+        )
         if (monitor := envs[0].collision_monitor) is not None:
             monitor.slow_down(numbers[:, at.COMMAND_V : at.COMMAND_W + 1], self.ranges, self.active)
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
@@ -229,13 +269,15 @@ class Batch:
 
     def _at_rest(self) -> dict[str, np.ndarray]:
         touching = (self.numbers[:, at.TOUCHED] > 0.0).reshape(len(self._envs), -1).sum(axis=1)
-        passed = {"time": np.full(len(touching), self._period), "collision": self._period * touching}
+        period = self._envs[0].control_period
+        passed = {"time": np.full(len(touching), period), "collision": period * touching}
         return {name: passed.get(name, np.zeros(len(touching))) for name in self._names}
 
     def _note_metrics(self, chosen: list[int], records: Records) -> None:
         rows = [self._envs[i].task.metrics() for i in chosen]
+        own_info = OWN_INFO | ({"randomized"} if hasattr(self._envs[0], "randomized") else set())
         for name in dict.fromkeys(itertools.chain(records.kinds, *rows)) if rows else ():
-            if name in self._own_info:
+            if name in own_info:
                 continue
             values, kind = [row.get(name) for row in rows], records.kinds.get(name)
             if kind in (SCALARS[float], SCALARS[bool]) and {SCALARS.get(one) for one in {*map(type, values)}} == {kind}:

@@ -79,7 +79,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             num_workers = num_cores()
         num_workers = max(min(num_workers, num_envs), 1)
         self.num_envs = num_envs = int(num_envs)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        autoreset_mode = AutoresetMode(autoreset_mode)
         if not 1 <= len(variants) <= num_envs:
             raise ValueError(f"variants must be 1 to num_envs ({num_envs}), got {len(variants)}")
         makers = [
@@ -94,7 +94,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self.single_observation_space, self.single_action_space = env.observation_space, env.action_space
         self.observation_space = batch_space(env.observation_space, num_envs)
         self.action_space = batch_space(env.action_space, num_envs)
-        self.metadata, self.render_mode = {**env.metadata, "autoreset_mode": self.autoreset_mode}, env.render_mode
+        self.metadata, self.render_mode = {**env.metadata, "autoreset_mode": autoreset_mode}, env.render_mode
         self._kind, self._is_wrapped = type(env.unwrapped), env is not env.unwrapped
         self._clips_actions = getattr(env.unwrapped, "clip_actions", False)
         env.close()
@@ -109,7 +109,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._shares: list[slice] = []
         self._shares_of: list[list[int]] = [[] for _ in range(num_workers)]
         for make_one, process, share in _split(makers, num_envs, num_workers):
-            args = make_one, memory, share, self.autoreset_mode, max_episode_steps
+            args = make_one, memory, share, autoreset_mode, max_episode_steps
             shards[process].append(functools.partial(Shard, *args))
             self._shares_of[process].append(len(self._shares))
             self._shares.append(share)
@@ -117,6 +117,11 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._workers = [Worker(multiprocessing_context, own) for own in shards[1:]]
         self._shards = [make_shard() for make_shard in shards[0]]
         self.closed = False
+
+    @property
+    def autoreset_mode(self) -> AutoresetMode:
+        mode: AutoresetMode = self.metadata["autoreset_mode"]
+        return mode
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

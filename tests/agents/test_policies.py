@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from lidarnaut.agents.policies import level_of, make_policy
+from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines import EXPLORERS, RandomExplorer
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
+from lidarnaut.baselines.policy import Explorer, OnePerRobot
 
 BOX = spaces.Box(-1.0, 1.0, (2,), np.float32)
 SEEN = {"scan": np.ones(3), "action_mask": np.array([0, 1], dtype=np.int8)}
@@ -107,10 +108,14 @@ def test_models_may_return_their_action_first_in_any_tuple(others):
 
 
 def test_levels_are_declared():
-    assert level_of(lambda observation: 0) == "twist"
-    assert level_of(SimpleNamespace(level="decision")) == "decision"
+    def chooser():
+        return SimpleNamespace(predict=lambda observation: 0)
+
+    assert make_policy(lambda observation: 0).level is make_policy(chooser).level is None
+    chooser.level = "decision"
+    assert make_policy(chooser).level == "decision"
     with pytest.raises(ValueError, match="must be one of twist, decision, got 'goal'"):
-        level_of(SimpleNamespace(level="goal"))
+        make_policy(SimpleNamespace(level="goal", predict=lambda observation: 0))
 
 
 def test_what_cannot_explore_is_refused():
@@ -118,5 +123,20 @@ def test_what_cannot_explore_is_refused():
         ValueError, match=r"7 is not an explorer, rule or callable of an observation, and lacks predict"
     ):
         make_policy(7)
-    with pytest.raises(ValueError, match="lacks reset"):
+    with pytest.raises(ValueError, match="must be a subclass of lidarnaut"):
         make_policy(SimpleNamespace(act=lambda reading, belief: None))
+
+
+def test_explorers_of_another_base_get_the_defaults_of_the_base_class():
+    class Still:
+        plan = "own"
+
+        def act(self, reading, belief):
+            return None
+
+    policy = make_policy(Still)
+    assert isinstance(policy, Explorer)
+    assert (type(policy).__name__, policy.plan, policy.plans, policy.end_reason) == ("Still", "own", ["own"], None)
+    drive_alone = OnePerRobot(Still())
+    drive_alone.reset(None, 0.1, np.random.default_rng(0))
+    assert drive_alone.act([None] * 2, [None] * 2) == [None, None]

@@ -9,7 +9,8 @@ import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.baselines.policy import OnePerRobot
-from lidarnaut.envs.core import LidarEnv, lidar_env_of
+from lidarnaut.envs.core import NO_TRACKS, LidarEnv, lidar_env_of
+from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.explore import Explore
 
@@ -20,12 +21,12 @@ class ScriptedEnv(LidarEnv):
     action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,))
     robot = SimpleNamespace(max_v=0.5, max_w=1.0)
     control_period = 2.0
-    reading = belief = None
+    reading, belief = None, SimpleNamespace(pose=ORIGIN, people=NO_TRACKS)
 
     def __init__(self, fractions, time_limit, target=0.99):
         self.fractions, self.time_limit, self.target = fractions, time_limit, target
         self.plans = [None]
-        self.task = SimpleNamespace(measures=Explore.measures)
+        self.task = Explore()
 
     def final_metrics(self):
         return {"map_iou": 0.8, "area_left": 50.0 * (1.0 - self.fractions[self.step_number])}

@@ -48,7 +48,7 @@ def record(policy, people):
     driver = Recorded(make_policy(policy), ROBOT, slam="hector")
 
     def watch():
-        if hasattr(driver.env.task, "goal") and driver.reason in ("no goal yet", "reached"):
+        if driver.env.task.goal is not None and driver.reason in ("no goal yet", "reached"):
             driver.goal(*robot.start.between(robot.area.draw_pose(rng))[:2])
         return False
 

@@ -68,7 +68,7 @@ def compare(make, arguments, motion):
     if hasattr(env.task, "localizer"):
         kept["map"] = env.priors[0].map
     driver = Driver(own, env.robot, motion=motion, seed=3, **kept)
-    if hasattr(env.task, "goal"):
+    if env.task.goal is not None:
         driver.goal(*env.task.goal)
     source, pose = make_motion_source(env.robot, env.control_period), ORIGIN
     source.reset(env.reading)

@@ -20,7 +20,7 @@ OWN = {
     "sensors": ["own_sensor:Beacons"],
     "reward": "own_reward:Careful",
     "observations": {"motion": None, "beacons": None, "sectors": "own_observation:Sectors"},
-    "slam": "own_slam:make_forgetful",
+    "slam": "own_slam:Forgetful",
 }
 TRAINING = {
     "recipe": None,

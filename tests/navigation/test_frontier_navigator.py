@@ -326,7 +326,7 @@ def test_a_drive_goes_on_when_the_map_is_corrected():
     navigator, belief = robot.navigator, robot.belief
     robot.decide()
     target, plan, goal = np.array(navigator.target), navigator.plan.copy(), np.array(navigator.navigator.goal)
-    navigator.failures = np.array([(3.2, 1.9), (0.5, 0.5)])
+    navigator._memory.failures = np.array([(3.2, 1.9), (0.5, 0.5)])
     navigator.map.ignore(np.array([(3.0, 2.1)]))
     ignored = navigator.map.ignored_points.copy()
     moved = Pose2D(0.5, 0.25, 0.5 * math.pi)

@@ -10,6 +10,7 @@ from gymnasium import spaces
 from gymnasium.vector import SyncVectorEnv
 
 import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with, run_episode
 from lidarnaut.baselines.policy import OnePerRobot, marked
@@ -213,12 +214,12 @@ def test_wrappers_and_environments_of_ones_own_say_that_they_show_ground_truth()
     class Showing(LidarEnv):
         uses_ground_truth = True
 
-    env, circling = LidarEnv(Explore, **SMALL), own_code.Circling()
-    assert marked("mine", own_code.shown, env) == marked("mine", None, env) == "mine"
+    env, (shown, circling) = LidarEnv(Explore, **SMALL), map(make_policy, (own_code.shown, own_code.Circling))
+    assert marked("mine", shown, env) == marked("mine", None, env) == "mine"
     for shows in (Admitting(env), Showing(Explore, **SMALL)):
-        assert marked("mine", own_code.shown, shows) == marked("mine", None, shows) == "mine (ground truth)"
+        assert marked("mine", shown, shows) == marked("mine", None, shows) == "mine (ground truth)"
         assert marked("mine", circling, shows) == "mine"
-    for uses in (own_code.Admits(), own_code.Spy(), OnePerRobot(own_code.Admits())):
+    for uses in (make_policy(own_code.Admits), make_policy(own_code.Spy), OnePerRobot(own_code.Admits())):
         assert marked("mine", uses) == marked("mine", uses, env) == "mine (ground truth)"
 
 

@@ -98,8 +98,8 @@ def test_kernels_report_the_odometry_in_contact_to_the_slam():
         env = LidarEnv(Explore, world="turtlebot3_stage_1", robot="turtlebot3_burger", physics=physics, slam="tinyslam")
         env.reset(seed=0, options={"start": (1.7, 0.0, 0.0)})
         slam, found = env.robots[0].estimator, []
-        match = slam._match
-        slam._match = lambda *scan: (found.append(slam.slip), match(*scan))[1]
+        match = slam.match
+        slam.match = lambda *scan: (found.append(slam.slip), match(*scan))[1]
         for _ in range(60):
             env.step(np.array([1.0, 0.0], dtype=np.float32))
         assert env.robots[0].bumper

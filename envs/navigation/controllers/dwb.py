@@ -39,7 +39,6 @@ class DwbPlanner:
         self._acc = params.acc_lim_x or robot.max_acc_v, params.acc_lim_theta or robot.max_acc_w
         self._horizon = self._max_v * params.sim_time + params.forward_point_distance
         half = math.ceil(max(0.5 * params.width, self._horizon + robot.radius) / resolution)
-        self._side = 2 * half + 1
         # Obstacles may lie anywhere in their cells.
         radius, inflation_radius = robot.radius + 0.5 * resolution, params.inflation_radius or robot.radius + 0.48
         costmap = CostmapParams(radius, max(radius, inflation_radius), params.cost_scaling_factor)
@@ -48,7 +47,7 @@ class DwbPlanner:
         # As in Nav2, a step costs half a cell's side. `Oscillation` only rejects twists.
         steps = np.array(scales) * 0.5 * resolution
         self._scales = np.array([params.rotate_to_goal_scale, 1.0, params.base_obstacle_scale, *steps])
-        self._rasters = np.empty((3, self._side, self._side), dtype=np.int32)
+        self._rasters = np.empty((3, 2 * half + 1, 2 * half + 1), dtype=np.int32)
         # Signs of the last nonzero speeds, and banned signs, 0 for none.
         self._signs, self._banned = np.zeros(2), np.zeros(2)
         self._turned_at: Pose2D | None = None
@@ -63,6 +62,10 @@ class DwbPlanner:
     @property
     def remaining(self) -> np.ndarray:
         return self._path[self._index :]
+
+    @property
+    def _side(self) -> int:
+        return self._rasters.shape[1]
 
     def set_path(self, path: np.ndarray, heading: float | None = None, tolerance: float = math.inf) -> None:
         """Set the path, shape (n, 2), map frame [m], and the goal heading [rad], None for any.

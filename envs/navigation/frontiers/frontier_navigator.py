@@ -31,6 +31,7 @@ from lidarnaut.envs.navigation.frontiers.frontiers import (
     frontier_near,
     split_groups,
 )
+from lidarnaut.envs.navigation.frontiers.memory import RETRY_RADIUS, FrontierMemory, PeopleNearby, StandStill
 from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, Costmap
 from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.maps.planning_map import CostLayer, PlanningMap
@@ -46,15 +47,10 @@ STILL_DISTANCE, STILL_TIME = 0.1, 30.0
 FAILURE_RADIUS, MAX_FAILURE_RADIUS = 3.0, 0.75
 """Radius of the area around a frontier that is ignored after `MAX_FAILURES` failed drives, in robot radii, and maximum
 [m]. After a visit, visible frontier cells up to this distance beyond the frontier are ignored."""
-RETRY_RADIUS = 0.5
-"""A frontier within this distance of an earlier frontier takes over its age and number of failed drives [m]."""
 MAX_LOOKS = 40
 """Maximum number of retries per episode when people may have blocked the passage to the last frontiers."""
-WALKING_SPEED = 0.2
 EXIT_REACH, MAX_EXITS = 0.3, 3
 """Maximum length [m] of drives out of a mapped obstacle, and maximum number of successive drives."""
-MET_CELL = 0.3
-"""Grid spacing for storing positions where people were seen, one per cell [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
 
 
@@ -64,6 +60,9 @@ class FrontierNavigator:
     Each control period, call `update`, then `command`. After the end of a drive, call `choose` with the index of a
     candidate. Without candidates, exploration is over. Never uses ground truth.
     """
+
+    candidates: Candidates = None  # type: ignore[assignment]
+    """Reachable frontiers; None before `begin`."""
 
     def __init__(
         self,
@@ -83,20 +82,15 @@ class FrontierNavigator:
         self.navigator = Navigator(robot, control_period, params, max_time=max_time)
         self.robot, self.params, self._planning_params = robot, params, planning
         self._max_candidates = max_candidates if max_candidates is not None else 1 << 30
-        self._look_radius = min(FAILURE_RADIUS * robot.radius, MAX_FAILURE_RADIUS)
-        self._min_steps = max(1, round(params.min_time / control_period))
         self.bodies = NO_POINTS
         """Obstacle points missing from the map, such as other robots, shape (n, 2), float64, base frame [m]."""
 
     def begin(self, reading: Reading, belief: Belief) -> None:
         """Begin an episode and find the first reachable frontiers."""
         self.map = PlanningMap(self.robot, belief.grid.resolution, self._planning_params)
-        self._lengths = tuple(max(1, round(length / self.map.side)) for length in self._planning_params.min_lengths)
         self.navigator.reset(reading)
         self._level = 0
-        self._seen = np.empty((0, 3))
-        self.failures = NO_POINTS
-        """Frontiers of failed drives, shape (n, 2), map frame [m]."""
+        self._memory, self._people, self._still = FrontierMemory(), PeopleNearby(), StandStill()
         self.target: tuple[float, float] | None = None
         """Last chosen frontier (x, y), map frame [m]."""
         self._last_failed = False
@@ -104,11 +98,7 @@ class FrontierNavigator:
         self._has_changed = True
         self._has_start = True
         self._is_looking = False  # turns at a viewpoint
-        self._still = (math.inf, math.inf, 0.0)
-        self._now = 0.0
-        self._given_up, self._walking = NO_POINTS, np.empty((0, 5))
-        self._met: dict[tuple[int, int], tuple[float, float]] = {}
-        self._is_approaching, self._num_looks, self._num_exits = False, 0, 0
+        self._is_approaching, self._num_exits = False, 0
         self._outcome: str | None = None
         self.integrate(belief)
         self._find(belief.pose)
@@ -118,15 +108,32 @@ class FrontierNavigator:
         return self.navigator.plan
 
     @property
+    def failures(self) -> np.ndarray:
+        """Frontiers of failed drives, shape (n, 2), map frame [m]."""
+        return self._memory.failures
+
+    @property
+    def _look_radius(self) -> float:
+        return min(FAILURE_RADIUS * self.robot.radius, MAX_FAILURE_RADIUS)
+
+    @property
+    def _min_steps(self) -> int:
+        return max(1, round(self.params.min_time / float(self.navigator.numbers["period"])))
+
+    @property
+    def _lengths(self) -> tuple[int, ...]:
+        return tuple(max(1, round(length / self.map.side)) for length in self.map.params.min_lengths)
+
+    @property
     def end_reason(self) -> str:
         """Reason why no frontier is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
-        is_still = self._now - self._still[2] > STILL_TIME
+        is_still = self._still.duration > STILL_TIME
         return "stuck" if not self._has_start or is_still or self._is_enclosed() else "no_reachable_frontier"
 
     def _is_enclosed(self) -> bool:
-        field = travel_field(self.candidates.costmap, self._still[:2])
+        field = travel_field(self.candidates.costmap, self._still.position)
         reached = np.argwhere(np.isfinite(field.costs)) if field is not None else np.empty((0, 2))
-        gaps = self.map.grid.centers(reached) - self._still[:2]
+        gaps = self.map.grid.centers(reached) - self._still.position
         return bool((np.hypot(*gaps.T) <= self.params.stuck_distance).all())
 
     def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
@@ -167,8 +174,8 @@ class FrontierNavigator:
 
     def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
         """Return why the drive has ended, such as `"arrived"`, or None. `progress`: status returned by `drive`."""
-        self._now = reading.time
-        self._note_people(belief)
+        self._still.now = reading.time
+        self._people.update(belief)
         outcome = self._judge(progress, belief.pose)
         if outcome is None:
             return None
@@ -184,18 +191,9 @@ class FrontierNavigator:
             outcome, self._outcome = self._outcome, None
         return outcome
 
-    def _note_people(self, belief: Belief) -> None:
-        people = belief.people
-        self._walking = people[np.hypot(people[:, 2], people[:, 3]) > WALKING_SPEED]
-        for x, y in belief.pose.transform(people[:, :2]).tolist():
-            self._met[round(x / MET_CELL), round(y / MET_CELL)] = x, y
-
     @property
     def _obstacles(self) -> np.ndarray:
-        obstacles = self.navigator.obstacles
-        for x, y, _, _, radius in self._walking.tolist():
-            obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
-        return obstacles
+        return self._people.without_walking(self.navigator.obstacles)
 
     def _drive_out(self, pose: Pose2D) -> bool:
         self._num_exits = 0 if self._has_start else self._num_exits + 1
@@ -209,19 +207,17 @@ class FrontierNavigator:
         return bool(found)
 
     def _look_again(self, goes_on: bool) -> bool:
-        planning = self.map
-        is_left = planning.frontier.any() or len(self._given_up) > 0
-        if self._num_looks == MAX_LOOKS or not self._met or not is_left:
+        planning, memory, met = self.map, self._memory, self._people.met
+        is_left = planning.frontier.any() or len(memory.given_up) > 0
+        if memory.num_looks == MAX_LOOKS or not len(met) or not is_left:
             return False
-        self._num_looks += not goes_on
-        planning.look_again_at(self._given_up)
-        self._given_up, self.failures = NO_POINTS, NO_POINTS
+        memory.num_looks += not goes_on
+        planning.look_again_at(memory.look_again())
         height, width = planning.occupancy.shape
         if not self._has_start:
             self.navigator.spin()
             return True
         reached = np.argwhere(planning.expansion.travel.reshape(height + 2, width + 2)[1:-1, 1:-1] < UNREACHED)
-        met = np.array(list(self._met.values()))
         gaps, nearest = cKDTree(planning.grid.centers(reached)).query(met)
         gaps[gaps < planning.side] = math.inf  # reachable, so not a blocked passage
         k = int(gaps.argmin())
@@ -243,7 +239,7 @@ class FrontierNavigator:
 
     def find_candidates(self, reading: Reading, belief: Belief) -> None:
         """Find reachable frontiers with the current map and pose estimate."""
-        self._now = reading.time
+        self._still.now = reading.time
         self._find(belief.pose)
 
     @property
@@ -276,8 +272,7 @@ class FrontierNavigator:
         if update.redrawn:
             if (correction := update.correction) is not None:
                 # Stored positions move with the map.
-                self.failures = correction.apply(self.failures)
-                self._seen[:, :2] = correction.apply(self._seen[:, :2])
+                self._memory.correct(correction)
                 self.map.ignored_points = correction.apply(self.map.ignored_points)
                 if self.target is not None:
                     x, y = correction.apply(np.array([self.target]))[0].tolist()
@@ -326,8 +321,7 @@ class FrontierNavigator:
         return row, col
 
     def _find(self, pose: Pose2D) -> None:
-        if math.dist(pose[:2], self._still[:2]) >= STILL_DISTANCE:
-            self._still = (pose.x, pose.y, self._now)
+        self._still.update(pose[:2], STILL_DISTANCE)
         planning = self.map
         planning.refresh()
         self._has_start = False
@@ -351,9 +345,9 @@ class FrontierNavigator:
         self._level = level
         height, width = planning.occupancy.shape
         raster = planning.occupancy, planning.expansion.predecessor.reshape(height + 2, width + 2)
-        past = self._seen, self.failures, self.target or NO_POSITION, RETRY_RADIUS
+        past = self._memory.known, self.failures, self.target or NO_POSITION, RETRY_RADIUS
         frame = *planning.origin, planning.side
-        self._seen, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
+        self._memory.known, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._still.now, past)
         costmap = Costmap(layer.costs, planning.grid, layer.params)
         self.candidates = Candidates(table, int(chosen), self._last_failed, cells, costmap)
 
@@ -383,14 +377,12 @@ class FrontierNavigator:
 
     def _fail(self) -> None:
         assert self.target is not None
-        self.failures = np.vstack([self.failures, self.target])
-        near = np.hypot(*(self.failures - self.target).T) <= RETRY_RADIUS
-        if np.count_nonzero(near) >= MAX_FAILURES:
+        if self._memory.add_failure(self.target) >= MAX_FAILURES:
             planning = self.map
             planning.refresh()
             reach = math.ceil(self._look_radius / planning.side - 1e-9)
             given_up = planning.grid.centers(frontier_near(planning.frontier, *planning.cell(*self.target), reach))
-            self._given_up = np.vstack([self._given_up, given_up])
+            self._memory.give_up(given_up)
             planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> bool:

@@ -24,6 +24,7 @@ from lidarnaut.envs.navigation.controllers.regulated_pursuit import FAST, PathFo
 from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, COST_LETHAL, COST_UNKNOWN, Costmap
 from lidarnaut.envs.navigation.maps.planning_map import PlanningMap
 from lidarnaut.envs.navigation.maps.planning_params import DwbParams, NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation.policy import Explorer
 from lidarnaut.envs.navigation.search.paths import exits, is_path_valid, plan_path, smooth_path
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
@@ -131,7 +132,7 @@ class GoalParams:
     """Maximum time without a valid lidar range [s]."""
 
 
-class GoalNavigator:
+class GoalNavigator(Explorer):
     """Drives a robot to one goal at a time, along planned paths.
 
     Each recovery behavior deletes obstacles marked by scans and triggers replanning. Without localization, the robot
@@ -194,7 +195,7 @@ class GoalNavigator:
         return self.goal is not None and self.end_reason is None
 
     @property
-    def plan(self) -> np.ndarray | None:
+    def plan(self) -> np.ndarray | None:  # type: ignore[override]
         """Remaining path, shape (n, 2), map frame [m]; None without a path."""
         return self._planner.remaining if self.is_driving and self._has_path else None
 

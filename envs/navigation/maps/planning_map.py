@@ -122,6 +122,12 @@ class PlanningMap:
             changed = window.blocks(self.block).dilated(0, self._size)
             self._pending = changed.shifted(*self._corner).union(self._pending)
 
+    @property
+    def _size(self) -> tuple[int, int]:
+        assert self._data is not None
+        rows, cols = self._data.shape
+        return -(-rows // self.block), -(-cols // self.block)
+
     def reach_beyond(self, points: Sequence[tuple[float, float]], margin: float) -> None:
         """Surround the map and `points` (x, y) by unknown space, `margin` [m] wide, at the next `update`."""
         self._beyond, self._points, self._data = margin, np.array(points), None
@@ -242,8 +248,7 @@ class PlanningMap:
 
     def _rebuild(self, grid: OccupancyGrid, redrawn: bool) -> None:
         marked = NO_POINTS if redrawn else self.grid.centers(np.argwhere(self.marks == OCCUPIED))
-        self._data, (rows, cols) = grid.data, grid.data.shape
-        self._size = -(-rows // self.block), -(-cols // self.block)
+        self._data = grid.data
         top = left = above = right = 0
         if self._beyond > 0.0:
             (x0, y0, x1, y1), (x, y) = grid.bounds, self._points.T

@@ -108,10 +108,10 @@ class GMapping(KeyScanSlam):
             return None
         return Anchor(len(self._poses) - 1, self.last_key_pose.between(self.belief.pose))
 
-    def _make_map(self) -> ParticleMaps:
+    def make_map(self) -> ParticleMaps:
         return ParticleMaps(self.params, self._lidar)
 
-    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+    def match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         last, belief = self.last_key_pose, self.belief
         self._is_switched, belief.path = False, None
         parents, fallback_pose = np.arange(len(self.poses)), None

@@ -66,7 +66,7 @@ class GraphSlam(Hector):
         return super().reset(rng, pose)
 
     @property
-    def loop_closures(self) -> int:
+    def loop_closures(self) -> int:  # type: ignore[override]
         """Number of loop closures in the pose graph, without outliers."""
         constraints = self.graph.arrays.constraints
         return int(np.count_nonzero(constraints.is_loop & constraints.is_active))
@@ -113,7 +113,7 @@ class GraphSlam(Hector):
             self._graph_correction = Pose2D(*poses[-1].tolist()).compose(local.inverse())
         self._replace_map(MapRendering(self.params, self._lidar).add_all(self.nodes, poses))
 
-    def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
+    def match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         before = self._last_matched_pose() or self._correction
         fits = self.local.match(ranges, before.between(predicted), self.slip)
         if self.last_key_pose is None:

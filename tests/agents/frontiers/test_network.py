@@ -9,6 +9,7 @@ from lidarnaut.agents.frontiers.network import FrontierNetwork, FrontierPolicy
 from lidarnaut.agents.frontiers.score import FrontierScore
 from lidarnaut.envs.decisions.abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.navigation import GainOverCost
+from lidarnaut.envs.navigation.frontiers.candidates import FAILURES
 
 QUICK = {"world": "rooms", "world_size": (10.0, 10.0), "target_coverage": 0.95}
 
@@ -53,7 +54,7 @@ def make_policy(spaces_, trained=False, weights=None):
 def test_untrained_it_chooses_as_the_rule_or_the_score_that_it_starts_from(episode):
     spaces_, batch, choices = episode
     assert len(choices) > 20
-    assert (batch["candidates"][:, :, 13] > 0).any()
+    assert (batch["candidates"][:, :, FAILURES] > 0).any()
     np.testing.assert_array_equal(Actor(make_policy(spaces_))(batch), choices)
     assert (Actor(make_policy(spaces_, trained=True))(batch) != choices).any()
     weights = PRIOR + np.random.default_rng(0).normal(0.0, 0.5, NUM_FEATURES)

@@ -23,6 +23,7 @@ from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.decisions.abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.navigation import GainOverCost
+from lidarnaut.envs.navigation.frontiers.candidates import FAILURES
 from lidarnaut.envs.tasks.explore import Explore
 
 QUICK = {"world": "rooms", "world_size": (10.0, 10.0), "target_coverage": 0.95}
@@ -72,7 +73,7 @@ def test_features_are_finite_and_vary():
 def test_what_failed_comes_last():
     env, policy = ExploreFrontiersAbstractEnv(**QUICK), FrontierScore()
     observation, first = next(seen for seen in drive(env, policy, 1, 30) if len(env.candidates) >= 3)
-    observation["candidates"][first, 13] = 1.0 / 3.0
+    observation["candidates"][first, FAILURES] = 1.0 / 3.0
     assert policy(observation) != first
 
 

@@ -1,0 +1,70 @@
+"""Motion of the wheels, from messages of odometry or encoders."""
+
+import math
+from collections import deque
+
+import numpy as np
+
+from lidarnaut.envs.estimation.motion import wheel_motion
+from lidarnaut.envs.logs.trajectory import between_poses, interpolate_poses
+from lidarnaut.envs.robots import RobotParams
+
+MAX_SPEED, JITTER = 1.5, 0.05
+"""Odometry that moves faster than this multiple of the robot's limits, for longer than this time [s], has jumped."""
+PUSHED = 1.0, 3.0
+"""Least limits of that test: speeds of a robot that is pushed by hand [m/s, rad/s]."""
+
+
+class WheelMotion:
+    """Encoder counts of the wheels, or those of virtual encoders that follow odometry."""
+
+    def __init__(self, robot: RobotParams, scales: tuple[float, float], *, uses_encoders: bool) -> None:
+        """Begin without messages. `scales`: factors of distances and turns of odometry."""
+        self._robot, self._scales, self.uses_encoders = robot, scales, uses_encoders
+        self.messages: deque[tuple[float, np.ndarray]] = deque()
+        """Stamp [s], and base pose in the odometry frame or encoder counts, of each message, oldest first."""
+        self.pose = np.zeros(3)
+        """Base pose at the last `advance`, odometry frame, shape (3,) [m, m, rad]; zeros with encoders."""
+        self.ticks = 0, 0
+        """Encoder counts of the left and the right wheel at the last `advance`."""
+        self._travel = np.zeros(2)  # of the wheels [m]
+
+    @property
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([time for time, _ in self.messages]), np.array([each for _, each in self.messages])
+
+    def poses(self, stamps: np.ndarray) -> np.ndarray:
+        """Return the base poses at some stamps [s], shape (n, 3) [m, m, rad], all in the same frame."""
+        times, content = self._arrays
+        if not self.uses_encoders:
+            return interpolate_poses(times, content, stamps)
+        numbers = self._robot.odometry.metres_per_tick, self._robot.odometry.track
+        counts = np.column_stack([np.interp(stamps, times, column) for column in (content - content[-1]).T])
+        return np.array([wheel_motion(left, right, *numbers) for left, right in counts])
+
+    def advance(self, last: float, longest: float, *, is_first: bool) -> int:
+        """Update `ticks` and `pose` to the newest message, and return the number of ignored jumps of odometry.
+
+        `last`: stamp of the last call, -inf after a step of the clock. `longest`: longest assumed pause before the
+        messages since then [s]. `is_first`: whether the robot has not moved before.
+        """
+        times, content = self._arrays
+        if self.uses_encoders:
+            left, right = content[-1].astype(int).tolist()
+            self.ticks = left, right
+            return 0
+        is_new = times > last
+        path = content[-1:] if is_first else np.vstack([self.pose, content[is_new]])
+        durations = np.diff(times[is_new], prepend=max(last, times[is_new][0] - longest))[: len(path) - 1]
+        self.pose = content[-1]
+        steps = between_poses(path[:-1], path[1:])
+        half = 0.5 * steps[:, 2]
+        lengths = (steps[:, 0] * np.cos(half) + steps[:, 1] * np.sin(half)) / np.sinc(half / math.pi)
+        max_v, max_w = MAX_SPEED * np.maximum(PUSHED, (self._robot.max_v, self._robot.max_w))
+        has_jumped = (abs(lengths) > max_v * (durations + JITTER)) | (abs(steps[:, 2]) > max_w * (durations + JITTER))
+        lengths, turns = np.where(has_jumped, 0.0, [self._scales[0] * lengths, self._scales[1] * steps[:, 2]])
+        sides = 0.5 * self._robot.odometry.track * turns
+        self._travel += (lengths - sides).sum(), (lengths + sides).sum()
+        left, right = np.rint(self._travel / self._robot.odometry.metres_per_tick).astype(int).tolist()
+        self.ticks = left, right
+        return int(has_jumped.sum())
