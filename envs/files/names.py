@@ -123,8 +123,15 @@ def with_defaults(value: Any, base: type) -> Any:
     """
     kind = type(value)
     if not issubclass(kind, base):
+        members: dict[str, Any] = {"__module__": kind.__module__}
+        if kind.__reduce_ex__ is object.__reduce_ex__ and kind.__reduce__ is object.__reduce__:
+            members["__reduce__"] = lambda self: (_new_with_defaults, (kind, base), self.__getstate__())  # for pickle
         try:
-            value.__class__ = type(kind.__name__, (kind, base), {"__module__": kind.__module__})
+            value.__class__ = type(kind.__name__, (kind, base), members)
         except TypeError:
             raise ValueError(f"{SHORT.repr(value)} must be a subclass of {base.__module__}.{base.__name__}") from None
     return value
+
+
+def _new_with_defaults(kind: type, base: type) -> Any:
+    return with_defaults(kind.__new__(kind), base)

@@ -1,3 +1,5 @@
+import copy
+import pickle
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +10,7 @@ from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines import EXPLORERS, RandomExplorer
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.policy import Explorer, OnePerRobot
+from lidarnaut.envs.simulation import Twist
 
 BOX = spaces.Box(-1.0, 1.0, (2,), np.float32)
 SEEN = {"scan": np.ones(3), "action_mask": np.array([0, 1], dtype=np.int8)}
@@ -140,3 +143,21 @@ def test_explorers_of_another_base_get_the_defaults_of_the_base_class():
     drive_alone = OnePerRobot(Still())
     drive_alone.reset(None, 0.1, np.random.default_rng(0))
     assert drive_alone.act([None] * 2, [None] * 2) == [None, None]
+
+
+class Duck:
+    """Explorer without a base class."""
+
+    def __init__(self):
+        self.turns = [1, 2]
+
+    def act(self, reading, belief):
+        return Twist(0.0, 1.0)
+
+
+def test_explorers_without_a_base_class_get_defaults_and_can_be_pickled_and_copied():
+    policy = make_policy(Duck())
+    assert isinstance(policy, Duck)
+    for again in (policy, pickle.loads(pickle.dumps(policy)), copy.deepcopy(policy)):
+        assert (again.turns, again.control_hz, again.plans) == ([1, 2], None, [None])
+        assert again.act(None, None) == (0.0, 1.0)
