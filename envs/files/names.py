@@ -133,5 +133,5 @@ def with_defaults(value: Any, base: type) -> Any:
     return value
 
 
-def _new_with_defaults(kind: type, base: type) -> Any:
+def _new_with_defaults(kind: Any, base: type) -> Any:
     return with_defaults(kind.__new__(kind), base)
