@@ -136,10 +136,16 @@ def test_topics_of_a_namespace(broker):
             held.callback(bridge.close)
             bridge.subscribe(topic, "std_msgs/msg/Bool", lambda message, topic=topic: received.update({topic: message}))
         wait_for(lambda: not (one.error or other.error))
-        for bridge, topic in ((other, "/robot1/goal_pose"), (one, "/odom"), (other, "/clock")):
+        published = (other, "/robot1/goal_pose"), (one, "/odom"), (other, "/clock")
+        for bridge, topic in published:
             bridge.advertise(topic, "std_msgs/msg/Bool")
-            bridge.publish(topic, {"data": True})
-        wait_for(lambda: received.keys() == {"/goal_pose", "/robot1/odom", "/clock"})
+
+        def publish():  # again, since subscriptions of another connection may arrive later
+            for bridge, topic in published:
+                bridge.publish(topic, {"data": True})
+            return received.keys() == {"/goal_pose", "/robot1/odom", "/clock"}
+
+        wait_for(publish)
 
 
 def test_a_subscriber_that_fails_does_not_end_the_connection(broker, caplog):
