@@ -55,7 +55,9 @@ class PeopleNearby:
         self._met: dict[tuple[int, int], tuple[float, float]] = {}
 
     def update(self, belief: Belief) -> None:
-        people = belief.people
+        people = self._walking = belief.people
+        if len(people) == 0:
+            return
         self._walking = people[np.hypot(people[:, 2], people[:, 3]) > WALKING_SPEED]
         for x, y in belief.pose.transform(people[:, :2]).tolist():
             self._met[round(x / MET_CELL), round(y / MET_CELL)] = x, y
