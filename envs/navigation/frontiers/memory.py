@@ -48,7 +48,7 @@ class FrontierMemory:
 
 
 class PeopleNearby:
-    """People who walk near the robot, and positions where people were met."""
+    """Walking people near the robot, and positions of people met before."""
 
     def __init__(self) -> None:
         self._walking = np.empty((0, 5))
@@ -64,11 +64,11 @@ class PeopleNearby:
 
     @property
     def met(self) -> np.ndarray:
-        """Positions where people were met, shape (n, 2), map frame [m]."""
+        """Positions of people met before, shape (n, 2), map frame [m]."""
         return np.array(list(self._met.values())).reshape(-1, 2)
 
     def without_walking(self, obstacles: np.ndarray) -> np.ndarray:
-        """Return the obstacle points, shape (n, 2), base frame [m], that are not on people who walk."""
+        """Return the obstacle points outside walking people, shape (k, 2), base frame [m]. `obstacles`: shape (n, 2)."""
         for x, y, _, _, radius in self._walking.tolist():
             obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
         return obstacles
