@@ -68,7 +68,7 @@ class PeopleNearby:
         return np.array(list(self._met.values())).reshape(-1, 2)
 
     def without_walking(self, obstacles: np.ndarray) -> np.ndarray:
-        """Return the obstacle points outside walking people, shape (k, 2), base frame [m]. `obstacles`: shape (n, 2)."""
+        """Return the obstacle points, shape (n, 2), outside walking people: shape (k, 2), base frame [m]."""
         for x, y, _, _, radius in self._walking.tolist():
             obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
         return obstacles
