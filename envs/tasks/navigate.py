@@ -155,7 +155,7 @@ class Navigate(KnownMapTask, GoalTask):
     | `amcl` | `"default"` | preset of AMCL, or `AmclParams` |
     | `initial_pose` | `"known"` | initial pose of the localizer: `"known"`, `"unknown"`, or (x, y, theta), map frame |
     | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` for the map of a perfect exploration |
-    | `map_pose` | `(0, 0, 0)` | pose of the map frame, world frame; `"spawn"` for the world's first spawn, where maps of explorations with `start="spawn"` begin |
+    | `map_pose` | `(0, 0, 0)` | pose of the frame of `map`, world frame; `"spawn"` for the world's first spawn, where maps of explorations with `start="spawn"` begin |
     | `goal` | `"random"` | see Starting State; `"world"` for the world's goal of the nearest spawn |
     | `min_distance` | `1.0` | minimum distance from the start to a random goal [m] |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
