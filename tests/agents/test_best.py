@@ -4,7 +4,7 @@ import json
 import logging
 import re
 import shutil
-import time
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
@@ -177,16 +177,26 @@ def test_intervals_of_evaluations_have_a_width():
 
 
 def test_the_bar_names_its_values_and_estimates_from_training_alone(config, tmp_path, monkeypatch):
-    """Evaluations take 0.4 s each, and have no part in the rate."""
-    bars, whole, seen = [], callbacks.Evaluator.policy, []
+    """By a clock of its own: a step takes 0.01 s, and an evaluation 1,000 s, which has no part in the rate."""
+    bars, whole, seen, now = [], callbacks.Evaluator.policy, [], [0.0]
+
+    def lasting(method, seconds):
+        def timed(*args):
+            now[0] += seconds
+            return method(*args)
+
+        return timed
+
     monkeypatch.setattr(training, "Progress", lambda **how: bars.append(Progress(**how)) or bars[-1])
-    monkeypatch.setattr(callbacks.Evaluator, "policy", lambda *args: time.sleep(0.4) or whole(*args))
+    monkeypatch.setattr(callbacks, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(callbacks.Evaluator, "policy", lasting(whole, 1000.0))
+    monkeypatch.setattr(callbacks.RunCallback, "_on_step", lasting(callbacks.RunCallback._on_step, 0.01))
     start = callbacks.RunCallback._on_rollout_start
     monkeypatch.setattr(
         callbacks.RunCallback, "_on_rollout_start", lambda self: start(self) or seen.append(bars[0].rate)
     )
     train(config, run=tmp_path / "run", progress=False)
     assert seen[: MIN_ROLLOUTS + 1] == [0.0] * (MIN_ROLLOUTS + 1)
-    assert seen[-1] > 2 * 640 / 2.8
+    assert seen[-1] == pytest.approx(config.num_envs / 0.01)
     assert re.fullmatch(r"training explored fraction \d+ %, validation area \d+\.\d m²", bars[0].postfix)
     assert "?" in Progress.format_meter(**{**bars[0].format_dict, "rate": 0.0})
