@@ -94,11 +94,11 @@ class Robot:
         """Tracker that excludes people from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
         """Whether odometry moves the pose between processed scans; False if the estimator processes every scan."""
-        least: Any = (
-            estimator.params
-            if isinstance(estimator, KeyScanSlam)
-            else SimpleNamespace(min_travel_distance=math.inf, min_travel_angle=math.inf)
-        )
+        least = math.inf, math.inf  # dead reckoning has no key scans
+        if not self.follows_odometry:
+            least = -1.0, 0.0
+        elif isinstance(estimator, KeyScanSlam):
+            least = estimator.params.min_travel_distance, estimator.params.min_travel_angle
         self._reading: Reading
         self._batch: SimpleNamespace | None = None
         self._setup = MotionSettings(
@@ -107,8 +107,8 @@ class Robot:
             uses_gyro=float(params.odometry.uses_gyro),
             gyro_variance=params.imu.gyro_std**2,
             uses_truth=float(uses_true_motion),
-            min_travel_distance=least.min_travel_distance if self.follows_odometry else -1.0,
-            min_travel_angle=least.min_travel_angle if self.follows_odometry else 0.0,
+            min_travel_distance=least[0],
+            min_travel_angle=least[1],
         )
 
     @property

@@ -96,9 +96,9 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
         anchors.append(slam.anchor)
         if belief.update.redrawn and belief.path is not None:
             corrected = _final_poses(belief.path, anchors, k + 1)
-    path = slam.belief.path
     slam.finish()
-    if slam.belief.path is not None and slam.belief.path is not path:
+    # Without a `finish` of its own, the path may end at an earlier correction.
+    if slam.belief.path is not None and type(slam).finish is not Estimator.finish:
         corrected = _final_poses(slam.belief.path, anchors, len(online))
     return Replayed(online, np.concatenate([corrected, online[len(corrected) :]]), seconds, is_lost)
 

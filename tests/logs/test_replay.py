@@ -64,6 +64,13 @@ class FinishingSlam(ClosingSlam):
         self.belief.path = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.57]])
 
 
+class RevisingSlam(ClosingSlam):
+    """Corrects all poses again at the end, in the same array."""
+
+    def finish(self):
+        self.belief.path[:] = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.57]]
+
+
 class WrongSlam(TurningSlam):
     def finish(self):
         self.belief.path = np.zeros((5, 3))
@@ -145,7 +152,8 @@ def test_replay_runs_the_slam_that_it_names(log, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("slam", "error", "corrected"), [("ClosingSlam", 1.0, [7.0, 8.0]), ("FinishingSlam", 0.0, [0.0, 1.0])]
+    ("slam", "error", "corrected"),
+    [("ClosingSlam", 1.0, [7.0, 8.0]), ("FinishingSlam", 0.0, [0.0, 1.0]), ("RevisingSlam", 0.0, [0.0, 1.0])],
 )
 def test_replay_takes_the_corrected_path_and_the_pose_graph(log, relations, tmp_path, slam, error, corrected):
     (run,) = main(Options(log, slam=OWN + slam, relations=relations, out=tmp_path))
