@@ -86,13 +86,20 @@ def test_ctrl_c_names_the_run_which_the_command_line_continues(tmp_path, monkeyp
     config = tmp_path / "tiny.yaml"
     config.write_text(dump_record(EvolutionConfig(**TINY, generations=100)))
 
+    is_over = threading.Event()
+
     def interrupt():
         while not list(tmp_path.glob(f"runs/*/{GENERATIONS}")):
             time.sleep(0.05)
         os.kill(os.getpid(), signal.SIGINT)
+        while not is_over.wait(10.0):  # Python drops an interrupt that arrives in a callback of a weak reference
+            os.kill(os.getpid(), signal.SIGINT)
 
-    threading.Thread(target=interrupt, daemon=True).start()
+    thread = threading.Thread(target=interrupt, daemon=True)
+    thread.start()
     assert train.main(["--config", str(config)]) == 130
+    is_over.set()
+    thread.join()
     (run,) = Path("runs").iterdir()
     generations = len((run / GENERATIONS).read_text().splitlines())
     said = capsys.readouterr().err.strip().splitlines()[-1]
