@@ -6,7 +6,8 @@ from itertools import product
 import numpy as np
 
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
-from lidarnaut.envs.estimation import ORIGIN, Belief
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import ORIGIN
 from lidarnaut.envs.navigation import Candidates, FollowerParams, Navigator, PathFollower, free_distance
 from lidarnaut.envs.navigation.policy import Explorer
 from lidarnaut.envs.robots import RobotParams

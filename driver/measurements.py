@@ -8,6 +8,7 @@ import numpy as np
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.simulation import Reading, Simulator, Twist
 from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.odometry import update_odometry
 from lidarnaut.envs.worlds import World
 
 RESOLUTION = 1e-6
@@ -48,11 +49,12 @@ class Measurements(Simulator):
 
     def _take(self, steps: int) -> None:
         row, sample = self.rows.numbers[0], self.sample
-        row[at.LEFT_TICKS : at.TOUCHED + 1] = *sample.ticks, sample.yaw_rate, np.nan, sample.bumper
+        row[at.YAW_RATE : at.TOUCHED + 1] = sample.yaw_rate, np.nan, sample.bumper
         elapsed = sample.time - row[at.TIME]
         if steps:
             row[at.PERIOD] = self._period if abs(elapsed - self._period) < RESOLUTION else elapsed
         row[at.STEPS], row[at.TIME] = steps, sample.time
+        update_odometry(row, *sample.ticks)
         self.rows.ranges[0] = sample.ranges
 
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:

@@ -5,8 +5,6 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.envs.arguments import choose_robot
-from lidarnaut.envs.estimation import ORIGIN
-from lidarnaut.envs.estimation.motion import make_motion_source
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist, make_simulator
@@ -42,15 +40,9 @@ class SimulatedRobot:
         self.area = explorable_area(self.world, self.robot, 0.05)
         self.start = self.world.spawns[0] if start == "spawn" else self.area.draw_pose(rng)
         """True pose of the odometry frame, world frame."""
-        self._simulator = make_simulator(physics, self.robot, self.period, crowd=crowd_of(people))
-        crowd_rng = rng if self._simulator.crowd.crowd else None
-        (self.reading,) = self._simulator.reset(self.world, [self.start], [rng.spawn(1)[0]], crowd_rng)
-        self._motion = make_motion_source(self.robot, self.period)
-        self._motion.reset(self.reading)
-        self.odometry = ORIGIN
-        """Base pose in the odometry frame, which begins at the start."""
-        self.twist = Twist(0.0, 0.0)
-        """Velocity by odometry."""
+        self.simulator = make_simulator(physics, self.robot, self.period, crowd=crowd_of(people))
+        crowd_rng = rng if self.simulator.crowd.crowd else None
+        (self.reading,) = self.simulator.reset(self.world, [self.start], [rng.spawn(1)[0]], crowd_rng)
 
     @property
     def time(self) -> float:
@@ -58,14 +50,21 @@ class SimulatedRobot:
         return self.reading.time
 
     @property
+    def odometry(self) -> Pose2D:
+        """Base pose in the odometry frame, which begins at the start."""
+        return self.reading.odometry
+
+    @property
+    def twist(self) -> Twist:
+        """Velocity by odometry."""
+        return Twist(self.reading.motion.x / self.period, self.reading.motion.theta / self.period)
+
+    @property
     def pose(self) -> Pose2D:
         """True pose, world frame."""
-        return self._simulator.states[0].pose
+        return self.simulator.states[0].pose
 
     def step(self, command: Twist) -> Reading:
         """Simulate one period with a velocity command; return the readings."""
-        (self.reading,) = self._simulator.step([command])
-        motion = self._motion.update(self.reading)
-        self.odometry = self.odometry.compose(motion)
-        self.twist = Twist(motion.x / self.period, motion.theta / self.period)
+        (self.reading,) = self.simulator.step([command])
         return self.reading

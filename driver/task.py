@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.files import resolve
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import ORIGIN, Pose2D
 from lidarnaut.envs.ids import find_spec
 from lidarnaut.envs.observations.positions import GOAL_MEMORY
 from lidarnaut.envs.robot import Robot

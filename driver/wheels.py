@@ -5,9 +5,9 @@ from collections import deque
 
 import numpy as np
 
-from lidarnaut.envs.estimation.motion import wheel_motion
 from lidarnaut.envs.logs.trajectory import between_poses, interpolate_poses
 from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation.odometry import wheel_motion
 
 MAX_SPEED, JITTER = 1.5, 0.05
 """Odometry that moves faster than this multiple of the robot's limits, for longer than this time [s], has jumped."""

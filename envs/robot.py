@@ -7,16 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, Estimator
+from lidarnaut.envs.estimation import NO_UPDATE, Belief, Estimator
 from lidarnaut.envs.estimation.belief import check_belief
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.estimation.map_pyramid import MapPyramid
-from lidarnaut.envs.estimation.motion import update_bias
 from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, are_on_bodies, as_bodies, scan_ends
 from lidarnaut.envs.estimation.tracking import LARGE_ENOUGH, NOT_STANDING, PeopleTracker
 from lidarnaut.envs.estimation.trail import Trail, interpolate
 from lidarnaut.envs.files import with_defaults
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, RobotState, Twist
@@ -31,22 +30,6 @@ SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
 ONE_ACTIVE = np.ones(1, dtype=np.bool_)
 MAX_PERSON_GAP, MAX_TIME_TO_COLLISION = 10.0, 10.0
 """Upper limits of the recorded gap to people [m] and time to collision [s]."""
-
-
-class MotionSettings(NamedTuple):
-    """Odometry and estimator settings of a robot, all float, for Numba kernels."""
-
-    metres_per_tick: float
-    track: float
-    uses_gyro: float
-    """1 for odometry from wheels and gyroscope, 0 for wheels only."""
-    gyro_variance: float
-    uses_truth: float
-    """1 if the estimator receives the true motion instead of odometry, otherwise 0."""
-    min_travel_distance: float
-    """Minimum distance between key scans (scans that the estimator processes) [m]. Negative if every scan is processed,
-    infinite if none."""
-    min_travel_angle: float
 
 
 class Prior(NamedTuple):
@@ -101,15 +84,7 @@ class Robot:
             least = estimator.params.min_travel_distance, estimator.params.min_travel_angle
         self._reading: Reading
         self._batch: SimpleNamespace | None = None
-        self._setup = MotionSettings(
-            metres_per_tick=params.odometry.metres_per_tick,
-            track=params.odometry.track,
-            uses_gyro=float(params.odometry.uses_gyro),
-            gyro_variance=params.imu.gyro_std**2,
-            uses_truth=float(uses_true_motion),
-            min_travel_distance=least[0],
-            min_travel_angle=least[1],
-        )
+        self._setup = at.MotionSettings(float(uses_true_motion), *least)
 
     @property
     def belief(self) -> Belief:
@@ -206,19 +181,15 @@ class Robot:
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
         """Map at several resolutions, for observations."""
         self._data = self.belief.grid.data, self.belief.grid.data.shape
-        row[at.MOTION_SETTINGS : at.ROBOT], row[at.KEY_POSE] = self._setup, np.inf
+        row[at.MOTION_SETTINGS : at.ODOMETRY_SETTINGS], row[at.KEY_POSE] = self._setup, np.inf
         row[at.POSE : at.POSE + 3] = self.belief.pose
         if self._setup.min_travel_distance == math.inf:
             row[at.KEY_POSE : at.KEY_POSE + 3] = self.belief.pose
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
-        row[at.LAST_LEFT], row[at.LAST_RIGHT] = reading.ticks
         row[at.PERSON_GAP : at.LEAST_TIME + 1] = MAX_PERSON_GAP, MAX_PERSON_GAP, MAX_TIME_TO_COLLISION
         if self.tracker is not None:
             self.tracker.reset()
             self._track(self.tracker, reading.ranges, ORIGIN)
-        bias = row[at.BIAS : at.BIAS_VARIANCE + 1]
-        bias[:] = 0.0, self.params.imu.gyro_bias_std**2
-        update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)
 
     def track_people(self) -> None:
         self.tracker = PeopleTracker(self.params.lidar, self.control_period)

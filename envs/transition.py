@@ -1,22 +1,21 @@
-"""Numba kernels for robots in one control period: motion, contacts and odometry."""
+"""Numba kernels for robots in one control period: contacts, statistics and predicted pose."""
 
 import math
 
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.estimation.motion import gyro_motion, wheel_motion
 from lidarnaut.envs.estimation.trail import TRAIL_SPACING
 from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.pose import between, compose, distance
-from lidarnaut.envs.robot import MAX_PERSON_GAP, MAX_TIME_TO_COLLISION, REMEMBER, REMEMBER_TRUE, SCAN, MotionSettings
+from lidarnaut.envs.robot import MAX_PERSON_GAP, MAX_TIME_TO_COLLISION, REMEMBER, REMEMBER_TRUE, SCAN
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.contact import drove_into
 from lidarnaut.envs.simulation.crowd import person_row as crowd_at
 from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.slam.key_scans import has_moved
 
-NUM_MOTION_SETTINGS = len(MotionSettings._fields)
+NUM_MOTION_SETTINGS = len(at.MotionSettings._fields)
 PERSONAL_SPACE = 0.45
 """Gap between footprint and person that bounds personal space [m]: intimate distance of Hall, "The Hidden Dimension"
 (1966)."""
@@ -38,15 +37,6 @@ def _write(row, first, pose):
 def _is_apart(row, trail, x, y):
     dx, dy = x - row[trail], y - row[trail + 1]
     return dx * dx + dy * dy >= TRAIL_SPACING * TRAIL_SPACING
-
-
-@njit(cache=True, error_model="numpy")
-def _odometry(row, setup):
-    left, right = int(row[at.LEFT_TICKS] - row[at.LAST_LEFT]), int(row[at.RIGHT_TICKS] - row[at.LAST_RIGHT])
-    if setup.uses_gyro > 0.0:
-        rate, bias, variance = row[at.YAW_RATE], row[at.BIAS : at.BIAS_VARIANCE + 1], setup.gyro_variance
-        return gyro_motion(left, right, setup.metres_per_tick, rate, row[at.PERIOD], bias, variance)
-    return wheel_motion(left, right, setup.metres_per_tick, setup.track)
 
 
 @njit(cache=True, error_model="numpy")
@@ -79,20 +69,19 @@ def _watch_people(row, people):
 
 @njit(cache=True, error_model="numpy")
 def update_robots(rows, people):
-    """Update robot states after a control period: contacts, odometry, predicted pose, and flags such as `SCAN`.
+    """Update robot states after a control period: contacts, predicted pose, and flags such as `SCAN`.
 
     The predicted pose follows odometry from the last processed scan. `rows`: robot states, shape (n, ROW_SIZE).
     `people`: states of people.
     """
     for k in range(rows.shape[0]):
         row = rows[k]
-        setup = MotionSettings(*as_tuple(row[at.MOTION_SETTINGS : at.ROBOT], NUM_MOTION_SETTINGS))
+        setup = at.MotionSettings(*as_tuple(row[at.MOTION_SETTINGS : at.ODOMETRY_SETTINGS], NUM_MOTION_SETTINGS))
         before, now, x, y = _read(row, at.LAST_X), _read(row, at.X), row[at.X], row[at.Y]
         _watch_people(row, people)
         row[at.COLLISIONS] += row[at.TOUCHED] > 0.0 and not row[at.LAST_TOUCHED] > 0.0
         row[at.PATH_LENGTH] += distance(x - before[0], y - before[1])
-        motion = _odometry(row, setup)
-        _write(row, at.ODOMETRY, motion)
+        motion = _read(row, at.ODOMETRY)
         if row[at.TOUCHED] > 0.0:
             row[at.SLIP] += distance(motion[0], motion[1])
         row[at.TWIST_V], row[at.TWIST_W] = motion[0] / row[at.PERIOD], motion[2] / row[at.PERIOD]
@@ -114,7 +103,6 @@ def update_robots(rows, people):
         if _is_apart(row, at.TRUE_TRAIL, x, y):
             row[at.FLAGS] += REMEMBER_TRUE
         _write(row, at.LAST_X, now)
-        row[at.LAST_LEFT], row[at.LAST_RIGHT] = row[at.LEFT_TICKS], row[at.RIGHT_TICKS]
         row[at.LAST_TOUCHED] = row[at.TOUCHED]
 
 

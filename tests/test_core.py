@@ -7,9 +7,8 @@ from gymnasium import spaces
 from gymnasium.utils.env_checker import data_equivalence as same
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate
-from lidarnaut.envs.estimation.motion import make_motion_source
-from lidarnaut.envs.geometry import Pose2D, Window
+from lidarnaut.envs.estimation import Belief, MapUpdate
+from lidarnaut.envs.geometry import ORIGIN, Pose2D, Window
 from lidarnaut.envs.observations import MapCrop
 from lidarnaut.envs.slam import KnownPoses, load_params
 from lidarnaut.envs.task import Rewards
@@ -243,15 +242,14 @@ def test_a_row_holds_what_readings_and_states_come_to(slam, robot):
     """Kernels of a control period, compared with the equivalent Python classes."""
     env = LidarEnv(Explore, slam=slam, **{**QUICK, "robot": robot})
     env.reset(seed=2)
-    odometry, one, truth = make_motion_source(env.robot, env.control_period), env.robots[0], env.truths[0]
-    odometry.reset(env.reading)
+    one, truth = env.robots[0], env.truths[0]
     pose, true_pose, length, contacts, was_touched = Pose2D(0.0, 0.0, 0.0), truth.state.pose, 0.0, 0, False
     positions = [true_pose[:2]]
     rng = np.random.default_rng(1)
     for _ in range(40):
         env.step(rng.uniform((0.3, -0.5), (1.0, 0.5)).astype(np.float32))
-        by_wheels, before, true_pose = odometry.update(env.reading), true_pose, truth.state.pose
-        motion = before.between(true_pose) if slam == "truth" else by_wheels
+        before, true_pose = true_pose, truth.state.pose
+        motion = before.between(true_pose) if slam == "truth" else env.reading.motion
         pose = pose.compose(motion)
         length += float(np.sqrt((true_pose.x - before.x) ** 2 + (true_pose.y - before.y) ** 2))
         contacts += env.reading.bumper and not was_touched
@@ -260,7 +258,7 @@ def test_a_row_holds_what_readings_and_states_come_to(slam, robot):
             positions.append(true_pose[:2])
         assert one.motion == motion
         assert one.belief.pose == one.predicted_pose == pose
-        assert one.twist == (by_wheels.x / env.control_period, by_wheels.theta / env.control_period)
+        assert one.twist == (env.reading.motion.x / env.control_period, env.reading.motion.theta / env.control_period)
         assert (one.collisions, one.bumper) == (contacts, was_touched)
         assert truth.path_length == pytest.approx(length, abs=1e-12)
         np.testing.assert_array_equal(truth.trail.positions, positions)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate
+from lidarnaut.envs.estimation import Belief, MapUpdate
 from lidarnaut.envs.estimation.belief import check_belief
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
+from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.slam import KnownPoses
 from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from tests.test_core import QUICK, STILL, Own

@@ -7,11 +7,11 @@ import pytest
 from lidarnaut.baselines.episode import begin_episode, decide_with, run
 from lidarnaut.baselines.reactive import RouteFollower
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation.motion import arc_motion
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.localization.ekf import Measurement
 from lidarnaut.envs.localization.fusion import make_filter, measure_heading, measure_wheels, start_covariance
 from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation.odometry import arc_motion
 from lidarnaut.envs.tasks.route import Progress, Route, rectangle
 from lidarnaut.envs.tasks.route_map import find_pivot, make_route_map
 from lidarnaut.envs.tasks.track import Track

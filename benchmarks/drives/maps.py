@@ -12,8 +12,7 @@ from PIL import Image
 from scipy import ndimage
 
 from lidarnaut.benchmarks.arena.plots import hex_color
-from lidarnaut.envs.estimation import ORIGIN
-from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import ORIGIN, UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.rendering import style
 
 WALL_TOLERANCE = 0.15

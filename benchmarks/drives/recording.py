@@ -13,7 +13,6 @@ from rich.table import Table
 
 from lidarnaut.agents.pools import make_pool
 from lidarnaut.envs.estimation import Estimator
-from lidarnaut.envs.estimation.motion import make_motion_source
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation import CostmapParams, make_costmap, plan_path
 from lidarnaut.envs.progress import Progress
@@ -82,13 +81,11 @@ def record(
     robot = setup.robot
     simulator = make_simulator(setup.physics, robot, PERIOD)
     reading = simulator.reset(setup.world, [start], [rng_simulator])[0]
-    odometry = make_motion_source(robot, PERIOD)
-    odometry.reset(reading)
-    rows = [(reading.ranges, Pose2D(0.0, 0.0, 0.0), simulator.states[0].pose, reading.bumper)]
+    rows = [(reading.ranges, reading.motion, simulator.states[0].pose, reading.bumper)]
     twists = (driver or random_goals)(setup, simulator, rng_driver)
     for _ in range(round(duration / PERIOD)):
         reading = simulator.step([next(twists)])[0]
-        rows.append((reading.ranges, odometry.update(reading), simulator.states[0].pose, reading.bumper))
+        rows.append((reading.ranges, reading.motion, simulator.states[0].pose, reading.bumper))
     simulator.close()
     return Drive(*map(np.array, zip(*rows)))
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from lidarnaut.envs.arguments import check_positive, is_number
 from lidarnaut.envs.decisions.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
-from lidarnaut.envs.estimation import ORIGIN
-from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry import ORIGIN, Pose2D, wrap_angle
 from lidarnaut.envs.navigation.controllers.navigator_kernels import DRIVING, FAILED, REACHED, SPUN, TIME_UP
 from lidarnaut.envs.simulation import KinematicSimulator
 from lidarnaut.envs.simulation.crowd.step import step_people

@@ -6,10 +6,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lidarnaut.envs.files import SHORT
-from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D, Window
+from lidarnaut.envs.geometry import ORIGIN, UNKNOWN, OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.simulation import Reading, Twist
 
-ORIGIN = Pose2D(0.0, 0.0, 0.0)
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
 
 

@@ -2,10 +2,10 @@ from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import ORIGIN, Pose2D
 from lidarnaut.envs.simulation import Reading
 
-from .belief import ORIGIN, Belief, Estimator
+from .belief import Belief, Estimator
 
 
 class DeadReckoning(Estimator):

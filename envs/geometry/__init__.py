@@ -3,7 +3,7 @@
 import lidarnaut.envs.compilation  # noqa: F401
 
 from .occupancy_grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
-from .pose import Pose2D, wrap_angle
+from .pose import ORIGIN, Pose2D, wrap_angle
 from .window import NO_WINDOW, Window
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "NO_WINDOW",
     "OCCUPIED",
     "OCCUPIED_FROM",
+    "ORIGIN",
     "UNKNOWN",
     "OccupancyGrid",
     "Pose2D",

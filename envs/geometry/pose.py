@@ -60,3 +60,6 @@ class Pose2D(NamedTuple):
         """Transform points, shape (n, 2) [m], from this pose's frame to the parent frame: shape (n, 2), float64 [m]."""
         c, s = math.cos(self.theta), math.sin(self.theta)
         return np.asarray(points, dtype=np.float64) @ np.array([[c, s], [-s, c]]) + (self.x, self.y)
+
+
+ORIGIN = Pose2D(0.0, 0.0, 0.0)

@@ -11,8 +11,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Belief, Estimator
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.estimation import Belief, Estimator
+from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.slam.scans import check_scan

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Belief, Estimator
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, wrap_angle
+from lidarnaut.envs.estimation import Belief, Estimator
+from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D, wrap_angle
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

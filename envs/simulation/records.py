@@ -1,10 +1,11 @@
 """Layout of the state vector (row) of a robot."""
 
+import itertools
 import math
 from collections import namedtuple
 from functools import lru_cache
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -54,51 +55,95 @@ _SOURCES = {
 RobotRecord = namedtuple("RobotRecord", [*_SOURCES, "period", "substeps"])  # type: ignore[misc]
 """Robot parameters for Numba functions, all float, followed by control period [s] and substeps per period."""
 RECORD_SIZE = len(RobotRecord._fields)
-X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = range(11)
+
+
+class OdometrySettings(NamedTuple):
+    """Odometry settings of a robot, all float, for Numba functions. Randomization does not change them."""
+
+    metres_per_tick: float
+    track: float
+    uses_gyro: float
+    """1 for odometry from wheels and gyroscope, 0 for wheels only."""
+    gyro_variance: float
+    """Variance of the gyroscope noise [rad2/s2]."""
+    bias_variance: float
+    """Initial variance of the estimated gyroscope bias [rad2/s2]."""
+
+    @classmethod
+    def of(cls, robot: RobotParams) -> "OdometrySettings":
+        odometry, imu = robot.odometry, robot.imu
+        wheels = odometry.metres_per_tick, odometry.track, float(odometry.uses_gyro)
+        return cls(*wheels, imu.gyro_std**2, imu.gyro_bias_std**2)
+
+
+class MotionSettings(NamedTuple):
+    """Estimator settings of a robot, all float, for Numba functions."""
+
+    uses_truth: float
+    """1 if the estimator receives the true motion instead of odometry, otherwise 0."""
+    min_travel_distance: float
+    """Minimum distance between key scans (scans that the estimator processes) [m]. Negative if every scan is processed,
+    infinite if none."""
+    min_travel_angle: float
+
+
+_columns = itertools.count()
+
+
+def _take(*sizes: int) -> list[int]:
+    return [min(itertools.islice(_columns, size)) for size in sizes]
+
+
+X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = _take(*[1] * 11)
 """Columns of the true state in a robot's state vector: pose in the world frame, velocities and wheel rotation in SI
 units.
 
 `COMMANDED_V`, `COMMANDED_W`: twist set by the speed controller, within the acceleration limits."""
-STATE_SIZE = 11
-LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = range(11, 16)
+LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = _take(*[1] * 5)
 """Columns of sensor measurements in a robot's state vector: encoder counts, yaw rate [rad/s], compass heading [rad],
 contact.
 
 `TOUCHED`: 0 without contact, 1 for an obstacle or robot, 2 plus index for a person."""
 TOUCHED_PERSON = 2
-STEPS, TIME, DRAW, COMMAND_V, COMMAND_W = range(16, 21)
-"""Columns of time and control command in a robot's state vector.
+STEPS, TIME = _take(1, 1)
+"""Columns of time in a robot's state vector: control periods and time [s] since the reset."""
+ODOMETRY, ODOMETRY_POSE = _take(3, 3)
+"""First of three columns (x, y, theta) in a robot's state vector: odometry motion in the last control period, and
+odometry pose since the reset."""
+DRAW, COMMAND_V, COMMAND_W = _take(1, 1, 1)
+"""Columns of the control command in a robot's state vector.
 
-`STEPS`, `TIME`: control periods and time [s] since the reset. `DRAW`: index of the period's random numbers in
-`Rows.draws`. `COMMAND_V`, `COMMAND_W`: target twist [m/s, rad/s]."""
-LAST_X, LAST_Y, LAST_THETA, LAST_LEFT, LAST_RIGHT, LAST_TOUCHED = range(21, 27)
-"""Columns of a robot's state vector: true pose, encoder counts and contact of the previous control period."""
-ODOMETRY, MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = 27, 30, *range(33, 37)
-"""Columns of odometry results in a robot's state vector.
+`DRAW`: index of the period's random numbers in `Rows.draws`. `COMMAND_V`, `COMMAND_W`: target twist [m/s, rad/s]."""
+LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED = _take(*[1] * 4)
+"""Columns of a robot's state vector: true pose and contact of the previous control period."""
+MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = _take(3, *[1] * 4)
+"""Columns of motion estimates in a robot's state vector.
 
-`ODOMETRY`: first of three columns (x, y, theta) with the odometry motion in the last control period. `MOTION`:
-likewise, odometry or true motion for the pose estimator. `BIAS`: estimate of the gyroscope bias [rad/s]."""
-POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
+`MOTION`: first of three columns (x, y, theta) with the motion in the last control period for the pose estimator,
+odometry or true motion. `BIAS`: estimate of the gyroscope bias [rad/s]."""
+POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = _take(3, 3, 3, 2, 2)
 """First columns of poses (x, y, theta) and path points (x, y) in a robot's state vector.
 
 `POSE`, `KEY_POSE`: estimated pose at present and at the last scan added to the map. `MAP_POSE`: map frame in the world
 frame. `TRAIL`, `TRUE_TRAIL`: last point of the estimated and of the true path."""
-PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
+PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = _take(*[1] * 5)
 """Columns of a robot's state vector: driven distance [m], number of collisions, last action (v, w), and bit mask of
 pending work such as adding a scan to the map."""
-PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
+PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = _take(*[1] * 8)
 """Columns of statistics on nearby people and contacts in a robot's state vector: gaps [m], times [s], numbers of
 contacts.
 
 `INTRUSION`: time in the personal space of people. `TOUCHED_BY`: cause of the present contact, see `envs.transition`."""
-LAST_V, ACCELERATION, JERK = range(63, 66)
+LAST_V, ACCELERATION, JERK = _take(1, 1, 1)
 """Columns of the commanded motion (`COMMANDED_V`) in a robot's state vector: last speed [m/s], acceleration [m/s2],
 magnitude of the jerk [m/s3]."""
-SLIP, MOTION_SETTINGS, ROBOT = 66, 67, 74
-"""`SLIP`: odometry distance in contact since the last processed scan [m]. `MOTION_SETTINGS`, `ROBOT`: first columns of
-odometry settings (`MotionSettings`) and robot parameters (`RobotRecord`) in a robot's state vector."""
+(SLIP,) = _take(1)
+"""Column of a robot's state vector: odometry distance in contact since the last processed scan [m]."""
+MOTION_SETTINGS, ODOMETRY_SETTINGS = _take(len(MotionSettings._fields), len(OdometrySettings._fields))
+ROBOT, ROW_SIZE = _take(RECORD_SIZE, 1)
+"""First columns of estimator settings, odometry settings and robot parameters (`RobotRecord`) in a robot's state
+vector, and its size."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
-ROW_SIZE = ROBOT + RECORD_SIZE
 SENSED = np.ones(ROW_SIZE)
 """Factors that hide ground truth in a robot's state vector, shape (ROW_SIZE,), float64: NaN for columns unknown to the
 robot, else 1."""

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import ORIGIN, Pose2D
 from lidarnaut.envs.robots import RobotParams
 
 from . import records as at
@@ -41,8 +41,17 @@ class Reading(NamedTuple):
     """Compass heading in the world frame [rad]; NaN without a compass."""
     bumper: bool
     """Whether the body touched anything during the control period."""
+    motion: Pose2D = ORIGIN
+    """Base pose by odometry, relative to the base pose at the last control period [m, m, rad]."""
+    odometry: Pose2D = ORIGIN
+    """Base pose by odometry, relative to the base pose at the reset [m, m, rad]."""
     extra: Mapping[str, np.ndarray] = {}
     """Measurements of user-defined sensors by name; see `lidarnaut.envs.sensor.Sensor`."""
+
+    def motion_since(self, odometry: Pose2D) -> Pose2D:
+        """Return the base pose relative to that of an earlier reading with this `odometry` [m, m, rad]."""
+        is_last = odometry.compose(self.motion) == self.odometry  # the difference of poses would be rounded
+        return self.motion if is_last else odometry.between(self.odometry)
 
     @classmethod
     def of_scan(cls, ranges: np.ndarray, time: float = 0.0) -> "Reading":
@@ -78,6 +87,7 @@ class Rows:
         beam; with lidar dropout, also a uniform number in [0, 1) per beam."""
         self.memory: dict[Hashable, np.ndarray] = {}
         """Data that tasks and observations store from step to step: arrays by name, shape (num_robots, n) each."""
+        self.numbers[:, at.ODOMETRY_SETTINGS : at.ROBOT] = at.OdometrySettings.of(robot)
         self.set_robot(robot, control_period)
         self.reset()
 
@@ -133,8 +143,11 @@ class Rows:
         return RobotState(Pose2D(x, y, theta), Twist(v, w))
 
     def reading(self, k: int) -> Reading:
-        left, right, yaw_rate, heading, touched, _, time = self.numbers[k, at.LEFT_TICKS : at.TIME + 1].tolist()
-        return Reading(time, self.ranges[k].copy(), (int(left), int(right)), yaw_rate, heading, touched > 0.0)
+        measured = self.numbers[k, at.LEFT_TICKS : at.DRAW].tolist()
+        left, right, yaw_rate, heading, touched, _, time = measured[:7]
+        motion, odometry = Pose2D(*measured[7:10]), Pose2D(*measured[10:])
+        ticks = int(left), int(right)
+        return Reading(time, self.ranges[k].copy(), ticks, yaw_rate, heading, touched > 0.0, motion, odometry)
 
     def share(
         self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray, memory: Mapping[Hashable, np.ndarray]

@@ -10,6 +10,7 @@ from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.geometry.rows import write_row
 
 from . import records as at
+from .odometry import update_odometry
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
 """Indices of the random numbers for wheel slip, gyroscope and compass in a control period; those for lidar beams
@@ -110,7 +111,7 @@ def measure_heading(pose, normal, robot, magnets):
 
 @njit(cache=True, error_model="numpy")
 def sense(rows, draws, ranges, segments, circles, magnets):
-    """Simulate all sensors of all robots except contact.
+    """Simulate all sensors of all robots except contact, and update the odometry.
 
     Args:
         rows: state vectors, shape (num_robots, ROW_SIZE), float64, updated.
@@ -126,7 +127,7 @@ def sense(rows, draws, ranges, segments, circles, magnets):
         noise = draws[k, int(row[at.DRAW])]
         visible = with_peers(circles, rows, k, robot.radius)
         measure_ranges(row, noise[OTHER_NORMALS:], robot, segments, visible, ranges[k])
-        row[at.LEFT_TICKS] = math.floor(row[at.LEFT_ANGLE] * robot.ticks_per_radian)
-        row[at.RIGHT_TICKS] = math.floor(row[at.RIGHT_ANGLE] * robot.ticks_per_radian)
         row[at.YAW_RATE] = row[at.MEAN_W] + row[at.GYRO_BIAS] + robot.gyro_std * noise[GYRO]
+        left, right = row[at.LEFT_ANGLE] * robot.ticks_per_radian, row[at.RIGHT_ANGLE] * robot.ticks_per_radian
+        update_odometry(row, math.floor(left), math.floor(right))
         row[at.HEADING] = measure_heading(row, noise[COMPASS], robot, magnets) if robot.has_compass else np.nan

@@ -1,7 +1,7 @@
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.estimation import Belief, MapUpdate
+from lidarnaut.envs.geometry import ORIGIN, Pose2D
 from lidarnaut.envs.robots import LidarParams
 
 from .key_scans import KeyScanSlam

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, Estimator, MapUpdate
+from lidarnaut.envs.estimation import NO_UPDATE, Belief, Estimator, MapUpdate
 from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, wrap_angle
+from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams

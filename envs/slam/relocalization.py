@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.estimation.scan_points import ScanGeometry
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 

@@ -2,9 +2,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Belief
+from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.scan_points import project_hits
-from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry import ORIGIN, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 

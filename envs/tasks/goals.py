@@ -8,8 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lidarnaut.envs.arguments import check_positive, is_pose
-from lidarnaut.envs.estimation import ORIGIN
-from lidarnaut.envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import FREE, OCCUPIED, ORIGIN, UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.measures import GOAL, Measure
 from lidarnaut.envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, TravelField, travel_field
 from lidarnaut.envs.robot import Robot

@@ -8,9 +8,9 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from lidarnaut.envs.arguments import is_pose
-from lidarnaut.envs.estimation import ORIGIN, Estimator
+from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.localization import Amcl, AmclParams, load_preset
 from lidarnaut.envs.observations import Goal, PoseUncertainty

@@ -6,9 +6,9 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Estimator
+from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import ORIGIN, Pose2D
 from lidarnaut.envs.measures import REACH, Measure, barn_metric
 from lidarnaut.envs.observations import NearGoal
 from lidarnaut.envs.observations.positions import GOAL_MEMORY

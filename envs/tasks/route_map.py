@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN
-from lidarnaut.envs.estimation.motion import WheelMotion
-from lidarnaut.envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import FREE, ORIGIN, UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, make_simulator
@@ -57,7 +55,7 @@ def make_route_map(
 ) -> RouteMap:
     """Drive along a route, map it with a SLAM, and return the map (cached).
 
-    The SLAM gets wheel odometry, and the compass is not used. Scans are mapped at intervals, to limit the drift from
+    The SLAM gets odometry, and the compass is not used. Scans are mapped at intervals, to limit the drift from
     scan noise. After the drive, all scans are aligned with each other (`align_scans`), except with the SLAMs `truth`
     and `odometry`, whose poses are used as they are.
     `path`: bytes of route points, float64, shape (n, 2), world frame [m]; `resolution`: map cell size [m].
@@ -69,8 +67,6 @@ def make_route_map(
     reading = simulator.reset(world, [route.start], [simulator_rng])[0]
     name, mapper = base_name(slam), make_slam(slam, robot.lidar, odometry_noise=robot.odometry.noise)
     mapper.reset(slam_rng)
-    wheels = WheelMotion(robot)
-    wheels.reset(reading)
     poses, readings, motions = [mapper.update(reading, ORIGIN).pose], [reading], list[Pose2D]()
     progress, truth, motion = Progress(route), route.start, ORIGIN
     # twice the time at maximum speed, plus 30 s
@@ -85,7 +81,7 @@ def make_route_map(
         before = truth
         reading = simulator.step([steer(progress, truth, robot.max_v, LOOKAHEAD)])[0]
         truth = simulator.states[0].pose
-        motion = motion.compose(before.between(truth) if name == "truth" else wheels.update(reading))
+        motion = motion.compose(before.between(truth) if name == "truth" else reading.motion)
         if math.hypot(motion.x, motion.y) < UPDATE_DISTANCE and abs(motion.theta) < UPDATE_ANGLE:
             continue
         poses.append(mapper.update(reading, motion).pose)

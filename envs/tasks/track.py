@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.envs.arguments import check_positive
-from lidarnaut.envs.estimation import ORIGIN
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.localization import Amcl, AmclParams
 from lidarnaut.envs.localization.fusion import FusedPose, start_covariance

@@ -8,8 +8,6 @@ import gymnasium
 import numpy as np
 
 from lidarnaut.envs.core import lidar_env_of
-from lidarnaut.envs.estimation import ORIGIN
-from lidarnaut.envs.estimation.motion import make_motion_source
 from lidarnaut.envs.logs import messages
 from lidarnaut.envs.logs.bag_writer import BagWriter
 from lidarnaut.envs.navigation import crop_to_known
@@ -29,7 +27,7 @@ class BagRecorder:
 
     As a context manager, removes the bag after an exception. Per control period: `/clock`, `/scan`, `/odom`, `/tf`,
     `/cmd_vel`, `/plan`, `/sensors/NAME` (user-defined), `/tracks` (people) and `/ground_truth/people`. Per second:
-    `/map`. Once: `/tf_static`. Times are since the reset. `/odom` is always wheel odometry. Frames: `map`, `odom`,
+    `/map`. Once: `/tf_static`. Times are since the reset. `/odom` is always odometry. Frames: `map`, `odom`,
     `base_footprint`, `base_link`, `laser`.
     """
 
@@ -50,9 +48,8 @@ class BagRecorder:
             raise ValueError("the environment is being recorded already")
         self._env = inner
         self._robot = inner.robots[0]
-        self._motion = make_motion_source(inner.robot, inner.control_period)
         self._is_open, self._is_started = True, False
-        self._odometry, self._time, self._map_time = ORIGIN, 0.0, 0.0
+        self._time = self._map_time = 0.0
         self._writer = BagWriter(Path(path))
         inner.on_period = self._record
 
@@ -86,18 +83,15 @@ class BagRecorder:
         if commands is None:
             if self._is_started:
                 raise RuntimeError("a bag holds one episode: close the recorder before the next reset")
-            self._is_started, self._odometry, twist = True, ORIGIN, Twist(0.0, 0.0)
-            self._motion.reset(reading)
+            self._is_started = True
             write("/tf_static", reading.time, messages.static_transforms(self._robot.params.lidar.mount))
         else:
             plan = self._env.plan
             write("/cmd_vel", self._time, messages.command(self._time, commands[0]))
             write("/plan", self._time, messages.path(self._time, _NO_PATH if plan is None else plan))
-            motion = self._motion.update(reading)
-            self._odometry = self._odometry.compose(motion)
-            twist = Twist(motion.x / self._env.control_period, motion.theta / self._env.control_period)
+        twist = Twist(reading.motion.x / self._env.control_period, reading.motion.theta / self._env.control_period)
         self._time = time = reading.time
-        map_odom = self._robot.belief.pose.compose(self._odometry.inverse())
+        map_odom = self._robot.belief.pose.compose(reading.odometry.inverse())
         scan = messages.laser_scan(time, reading.ranges, self._robot.params.lidar, self._env.control_period)
         write("/clock", time, messages.clock(time))
         write("/scan", time, scan)
@@ -107,8 +101,8 @@ class BagRecorder:
         for topic, found in ((TRACKS, self._env.tracks), (PEOPLE, people)):
             if len(found):
                 write(topic, time, messages.people(time, found))
-        write("/odom", time, messages.odometry(time, self._odometry, twist))
-        edges = (messages.MAP, messages.ODOM, map_odom), (messages.ODOM, messages.BASE, self._odometry)
+        write("/odom", time, messages.odometry(time, reading.odometry, twist))
+        edges = (messages.MAP, messages.ODOM, map_odom), (messages.ODOM, messages.BASE, reading.odometry)
         write("/tf", time, messages.transforms(time, *edges))
         if commands is None or time - self._map_time >= MAP_PERIOD - 1e-6:
             self._write_map()

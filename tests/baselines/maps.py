@@ -32,10 +32,10 @@ def belief_at(x, y, grid=None):
     return Belief(Pose2D(x, y, 0.0), grid or hall())
 
 
-def reading_of(*, ranges=np.inf, ticks=(0, 0), yaw_rate=0.0, bumper=False, time=0.0, robot=BURGER):
+def reading_of(*, ranges=np.inf, bumper=False, time=0.0, robot=BURGER):
     """Sensor reading; `ranges` [m] may be one value for all beams."""
     ranges = np.full(robot.lidar.num_beams, ranges, dtype=np.float32)
-    return Reading(time=time, ranges=ranges, ticks=ticks, yaw_rate=yaw_rate, heading=np.nan, bumper=bumper)
+    return Reading.of_scan(ranges, time)._replace(bumper=bumper)
 
 
 def candidates_from(x, y, grid=None, **settings):

@@ -10,7 +10,7 @@ from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.baselines.policy import OnePerRobot
 from lidarnaut.envs.core import NO_TRACKS, LidarEnv, lidar_env_of
-from lidarnaut.envs.estimation import ORIGIN
+from lidarnaut.envs.geometry import ORIGIN
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.explore import Explore
 

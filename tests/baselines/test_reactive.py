@@ -3,17 +3,19 @@ import pytest
 
 from lidarnaut.baselines import WallFollower, make_explorer
 from lidarnaut.baselines.policy import to_action
+from lidarnaut.envs.geometry import Pose2D
 from tests.baselines.maps import BURGER, reading_of
 
 
-def reading_of_walls(*, right=np.inf, ahead=np.inf, yaw_rate=0.0):
+def reading_of_walls(*, right=np.inf, ahead=np.inf, heading=0.0):
     """Reading of a burger between a wall parallel to its path and a wall across it [m]."""
     angles = BURGER.lidar.angles
     with np.errstate(divide="ignore"):
         to_right = np.where(np.sin(angles) < 0, right / -np.sin(angles), np.inf)
         to_front = np.where(np.cos(angles) > 0, ahead / np.cos(angles), np.inf)
     ranges = np.fmin(to_right, to_front)
-    return reading_of(ranges=np.where(ranges > BURGER.lidar.range_max, np.inf, ranges), yaw_rate=yaw_rate)
+    reading = reading_of(ranges=np.where(ranges > BURGER.lidar.range_max, np.inf, ranges))
+    return reading._replace(odometry=Pose2D(0.0, 0.0, heading))
 
 
 def wall_follower(*, following):
@@ -37,7 +39,7 @@ def test_the_wall_follower_drives_to_a_wall_turns_left_and_stays_beside_it_until
 def test_the_wall_follower_leaves_a_pillar_that_it_has_been_round():
     explorer = wall_follower(following=True)
     turn, period, steps = 0.3 * BURGER.max_w, 0.1, 0
-    while explorer.act(reading_of_walls(right=1.5, yaw_rate=-turn), None).w <= 0.0:
+    while explorer.act(reading_of_walls(right=1.5, heading=-turn * period * steps), None).w <= 0.0:
         steps += 1
         assert steps < 200
     # The robot turns to the left when it leaves.

@@ -14,11 +14,10 @@ from lidarnaut.baselines.episode import begin_episode, decide_with
 from lidarnaut.benchmarks.drives.driving import IDEAL, LINKS, Link, Loop
 from lidarnaut.driver import Driver
 from lidarnaut.driver.simulated_robot import SimulatedRobot
-from lidarnaut.envs.estimation import ORIGIN
-from lidarnaut.envs.estimation.motion import make_motion_source
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.logs.trajectory import compose_poses, odometry_scales
 from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import records
 from lidarnaut.envs.worlds import load_world
 
 BURGER = "turtlebot3_burger"
@@ -70,17 +69,14 @@ def compare(make, arguments, motion):
     driver = Driver(own, env.robot, motion=motion, seed=3, **kept)
     if env.task.goal is not None:
         driver.goal(*env.task.goal)
-    source, pose = make_motion_source(env.robot, env.control_period), ORIGIN
-    source.reset(env.reading)
     commands = []
-    for k in range(STEPS):
+    for _ in range(STEPS):
         reading = env.reading
-        pose = pose.compose(source.update(reading)) if k else pose
         if motion == "encoders":
             driver.encoders(*reading.ticks, reading.time)
             driver.imu(reading.yaw_rate, reading.time)
         else:
-            driver.odometry(pose, reading.time)
+            driver.odometry(reading.odometry, reading.time)
         driver.bumper(reading.bumper)
         driver.scan(reading.ranges, reading.time)
         action = decide(observation)
@@ -223,7 +219,7 @@ def test_a_jump_of_odometry_does_not_move_the_robot():
     driver = Driver(make_explorer("pursuit"), BURGER)
     messages = loop_with(driver)
     messages.run(5.0)
-    messages.robot.odometry = messages.robot.odometry._replace(x=40.0)
+    messages.robot.simulator.rows.numbers[0, records.ODOMETRY_POSE] = 40.0
     messages.run(3.0)
     assert messages.error < 0.06
     assert driver.dropped == {"jump of odometry": 1}

@@ -3,6 +3,7 @@ import math
 import pickle
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -39,17 +40,15 @@ class Wheels:
     """Readings of a robot that drives at a speed [m/s] and a yaw rate [rad/s] for 0.1 s each."""
 
     def __init__(self, robot):
-        self.robot, self.pose, self.angles = robot, Pose2D(0.0, 0.0, 0.0), np.zeros(2)
+        self.robot, self.pose = robot, Pose2D(0.0, 0.0, 0.0)
 
     def drive(self, v, w, points, *, bumper=False):
-        robot, dtheta = self.robot, 0.1 * w
-        length = 0.1 * v
-        self.pose = self.pose.compose(Pose2D(length * math.cos(dtheta / 2), length * math.sin(dtheta / 2), dtheta))
-        odometry = robot.odometry
-        self.angles += (length + 0.5 * odometry.track * dtheta * np.array([-1.0, 1.0])) / odometry.metres_per_tick
-        left, right = np.round(self.angles).astype(int).tolist()
-        ranges = scan_of(robot, self.pose, points)
-        return reading_of(ranges=ranges, ticks=(left, right), yaw_rate=w, bumper=bumper, robot=robot)
+        length, dtheta = 0.1 * v, 0.1 * w
+        motion = Pose2D(length * math.cos(dtheta / 2), length * math.sin(dtheta / 2), dtheta)
+        self.pose = self.pose.compose(motion)
+        ranges = scan_of(self.robot, self.pose, points)
+        reading = reading_of(ranges=ranges, bumper=bumper, robot=self.robot)
+        return reading._replace(motion=motion, odometry=self.pose)
 
 
 def begin(robot, points):
@@ -63,6 +62,14 @@ def test_scan_ends_lie_where_the_lidar_saw_them():
     points = [(1.2, -0.1), (0.2, 0.9), (-0.8, -0.1), (0.2, -1.1)]
     found = begin(robot, points)[0].obstacles
     assert sorted(map(tuple, found.round(6))) == sorted(points)
+
+
+def test_motion_covers_readings_that_a_policy_skips():
+    navigator, wheels = begin(BURGER, [])
+    skipped = wheels.drive(0.2, 0.5, []).motion
+    last = wheels.drive(0.1, -1.5, [])
+    navigator.sense(last)
+    assert navigator.motion == pytest.approx(skipped.compose(last.motion), abs=1e-12)
 
 
 def test_what_comes_too_near_is_remembered_until_it_is_seen_again():

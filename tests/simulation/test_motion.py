@@ -4,7 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarnaut.envs.estimation.motion import WheelMotion
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
 from lidarnaut.envs.simulation import PHYSICS, Twist, make_simulator
@@ -12,6 +11,11 @@ from lidarnaut.envs.simulation.kinematic import SLIP_MARGIN
 from tests.rooms import BURGER, ORIGIN, PLAIN, begin, without_slip
 
 SECONDS = 5
+
+
+def by_wheels(robot):
+    """The robot with odometry of the wheels alone."""
+    return replace(robot, odometry=replace(robot.odometry, uses_gyro=False))
 
 
 def gains(robot):
@@ -62,30 +66,30 @@ def test_acceleration_is_limited(physics):
 
 @pytest.mark.parametrize("name", ["turtlebot3_burger", "raspimouse", "tugbot_original"])
 def test_odometry_errs_as_documented(physics, name):
-    robot = without_slip(load_robot(name))
-    simulator, odometry = make_simulator(physics, robot, 0.1), WheelMotion(robot)
+    robot = by_wheels(without_slip(load_robot(name)))
+    simulator = make_simulator(physics, robot, 0.1)
     commands = Twist(robot.max_v, 0.0), Twist(0.0, 0.5 * robot.max_w)
     for axis, command, gain in zip(("x", "theta"), commands, gains(robot)):
-        odometry.reset(simulator.reset(PLAIN, [ORIGIN], [np.random.default_rng(0)])[0])
+        simulator.reset(PLAIN, [ORIGIN], [np.random.default_rng(0)])
         measured = true = 0.0
         for truth, reading in motions(simulator, command, 50):
-            measured += getattr(odometry.update(reading), axis)
+            measured += getattr(reading.motion, axis)
             true += getattr(truth, axis)
         assert true / measured == pytest.approx(gain, rel=0.01)
 
 
 def test_slip_spreads_as_stated(physics):
     """Over d metres a wheel slips with standard deviation slip_std * sqrt(d), which encoders do not measure."""
-    robot = replace(BURGER, drive=replace(BURGER.drive, slip_std=0.02))
-    simulator, odometry = make_simulator(physics, robot, 0.1), WheelMotion(robot)
+    robot = by_wheels(replace(BURGER, drive=replace(BURGER.drive, slip_std=0.02)))
+    simulator = make_simulator(physics, robot, 0.1)
     headings, odometry_headings, runs = [], [], 60
     rng = np.random.default_rng(0)
     for _ in range(runs):
-        odometry.reset(simulator.reset(PLAIN, [ORIGIN], [rng])[0])
+        simulator.reset(PLAIN, [ORIGIN], [rng])
         for _ in range(25):
             reading = simulator.step([Twist(0.2, 0.0)])[0]
         headings.append(simulator.states[0].pose.theta)
-        odometry_headings.append(odometry.update(reading).theta)
+        odometry_headings.append(reading.odometry.theta)
     expected = math.sqrt(2.0) * 0.02 * math.sqrt(simulator.states[0].pose.x) / robot.drive.track
     assert np.std(headings) == pytest.approx(expected, rel=3.0 / math.sqrt(2 * runs))
     assert np.abs(odometry_headings).max() < 0.1 * expected

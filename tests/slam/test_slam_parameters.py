@@ -11,8 +11,8 @@ from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.training import train
 from lidarnaut.benchmarks.drives.slams import compare_slams
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.files import parse_record
+from lidarnaut.envs.geometry import ORIGIN
 from lidarnaut.envs.logs.replay import Options
 from lidarnaut.envs.logs.replay import main as replay
 from lidarnaut.envs.robots import load_robot

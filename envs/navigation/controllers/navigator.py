@@ -13,10 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Correction
-from lidarnaut.envs.estimation.motion import make_motion_source
+from lidarnaut.envs.estimation import Correction
 from lidarnaut.envs.estimation.scan_points import ScanGeometry
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import ORIGIN, Pose2D
 from lidarnaut.envs.navigation.controllers.navigator_kernels import (
     NAVIGATOR,
     check_progress,
@@ -61,7 +60,7 @@ class Navigator:
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
         self._geometry = ScanGeometry.of(robot.lidar)
-        self._odometry = make_motion_source(robot, control_period)
+        self._odometry = ORIGIN
         self._records = np.zeros(1, dtype=NAVIGATOR)
         self._obstacles = np.empty((MAX_REMEMBERED + BUMP_POINTS + robot.lidar.num_beams + MAX_OTHERS, 2))
         self._path = NO_POINTS
@@ -76,7 +75,7 @@ class Navigator:
         records["side"] = 1.0
         records["stall_steps"] = records["stuck_steps"] = -1
         records["forward"] = 1
-        self._odometry.reset(reading)
+        self._odometry = reading.odometry
         self.sense(reading)
 
     @property
@@ -186,11 +185,12 @@ class Navigator:
             self.record[name] = 0
 
     def sense(self, reading: Reading, others: np.ndarray = NO_POINTS) -> None:
-        """Update odometry and obstacle points with a sensor reading; called by `update`.
+        """Update motion and obstacle points with a sensor reading; called by `update`.
 
         `others`: further obstacle points, such as other robots, shape (m, 2), float64, base frame [m].
         """
-        self.motion = motion = self._odometry.update(reading)
+        self.motion = motion = reading.motion_since(self._odometry)
+        self._odometry = reading.odometry
         self.velocity = Twist(motion.x / self._period, motion.theta / self._period)
         state, sensors = (self._records, self._obstacles), (reading.ranges, self._geometry, reading.bumper)
         update_obstacles(*state, sensors, tuple(motion), others[:MAX_OTHERS], self._numbers)

@@ -3,8 +3,8 @@ from functools import cache
 
 import numpy as np
 
-from lidarnaut.envs.estimation import ORIGIN, Belief, Correction, MapUpdate
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.estimation import Belief, Correction, MapUpdate
+from lidarnaut.envs.geometry import ORIGIN, Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
