@@ -9,7 +9,6 @@ import numpy as np
 
 from lidarnaut.envs.estimation import NO_UPDATE, Belief, Estimator
 from lidarnaut.envs.estimation.belief import check_belief
-from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.estimation.map_pyramid import MapPyramid
 from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, are_on_bodies, as_bodies, scan_ends
 from lidarnaut.envs.estimation.tracking import LARGE_ENOUGH, NOT_STANDING, PeopleTracker
@@ -21,7 +20,6 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, RobotState, Twist
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import Rows
-from lidarnaut.envs.slam import KnownPoses, TinySlam
 from lidarnaut.envs.slam.key_scans import KeyScanSlam
 
 SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
@@ -41,18 +39,6 @@ class Prior(NamedTuple):
     """Known map; None if the map is unknown."""
     covariance: np.ndarray | None = None
     """Covariance of the initial pose, shape (3, 3), float64 [m, m, rad]; None for the estimator's default."""
-
-
-def _follows_odometry(slam: Any) -> bool:
-    kind = type(slam)
-    if kind is DeadReckoning:
-        return True
-    if not isinstance(slam, KeyScanSlam) or kind.update is not KeyScanSlam.update:
-        return False
-    if kind.is_key_pose is not KeyScanSlam.is_key_pose or (slam.params.match_every_scan and kind is not KnownPoses):
-        return False
-    is_composed = kind._predict is KeyScanSlam._predict
-    return is_composed or (kind is TinySlam and slam.params.odometry == "robot_frame")
 
 
 class Robot:
@@ -75,10 +61,8 @@ class Robot:
         self._geometry = ScanGeometry.of(params.lidar)
         self.tracker: PeopleTracker | None = None
         """Tracker that excludes people from the map; None without tracking."""
-        self.follows_odometry = _follows_odometry(estimator)
-        """Whether odometry moves the pose between processed scans; False if the estimator processes every scan."""
         least = math.inf, math.inf  # dead reckoning has no key scans
-        if not self.follows_odometry:
+        if not self.estimator.follows_odometry:
             least = -1.0, 0.0
         elif isinstance(estimator, KeyScanSlam):
             least = estimator.params.min_travel_distance, estimator.params.min_travel_angle
@@ -219,7 +203,7 @@ class Robot:
     def integrate(self) -> None:
         """Process the last scan: update pose, map and path."""
         estimator: Any = self.estimator
-        if self.follows_odometry and estimator.last_key_pose is not None:
+        if estimator.follows_odometry and estimator.last_key_pose is not None:
             predicted, estimator.slip = self.predicted_pose, float(self._row[at.SLIP])
             self.follow(estimator.process_key_scan(self._filtered(self.ranges), predicted))
             return
@@ -244,7 +228,7 @@ class Robot:
         if self._own_estimator:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
-        key_pose = self.estimator.last_key_pose if self.follows_odometry else belief.pose
+        key_pose = self.estimator.last_key_pose if self.estimator.follows_odometry else belief.pose
         self._row[at.POSE : at.KEY_POSE + 3] = *belief.pose, *key_pose
         self._row[at.SLIP] = 0.0
         if belief.twist is not None:

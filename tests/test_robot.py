@@ -9,8 +9,9 @@ from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief, MapUpdate
 from lidarnaut.envs.estimation.belief import check_belief
 from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D, Window
-from lidarnaut.envs.slam import KnownPoses
+from lidarnaut.envs.slam import Hector, KnownPoses, load_params
 from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
+from tests.rooms import BURGER
 from tests.test_core import QUICK, STILL, Own
 
 CELLS = np.array([[3, 4], [5, 6]], dtype=np.int32)
@@ -91,6 +92,38 @@ def test_a_belief_that_maps_cannot_work_with_is_refused(fault, monkeypatch):
             env.step(STILL)
     env.reset(seed=0)
     env.step(STILL)
+
+
+class Overriding:
+    """Mixin of estimators."""
+
+    def update(self, reading, motion):
+        return super().update(reading, motion)
+
+
+class KeyPoses(Hector):
+    def is_key_pose(self, pose):
+        return super().is_key_pose(pose)
+
+
+class Declaring(Overriding, Hector):
+    follows_odometry = True
+
+
+class Mixed(Overriding, Hector):
+    pass
+
+
+class Plain(Hector):
+    pass
+
+
+@pytest.mark.parametrize(("kind", "follows"), [(Plain, True), (Declaring, True), (Mixed, False), (KeyPoses, False)])
+def test_a_slam_that_overrides_updates_gets_every_scan_unless_it_declares_otherwise(kind, follows):
+    assert kind(BURGER.lidar, load_params("default", slam="hector")).follows_odometry is follows
+    assert kind(BURGER.lidar, load_params("default", {"match_every_scan": True}, slam="hector")).follows_odometry is (
+        kind is Declaring
+    )
 
 
 def test_a_slam_that_returns_no_belief_is_named(monkeypatch):

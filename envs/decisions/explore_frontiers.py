@@ -256,7 +256,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def why_not_fused(self) -> str:
         """Reason why one kernel call cannot simulate several control periods; empty if it can."""
         env = self.explore
-        if env.why_not_fused or not env.robots[0].follows_odometry:
+        if env.why_not_fused or not env.robots[0].estimator.follows_odometry:
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
             return f"task {type(env.task).__name__} needs every control period"

@@ -90,6 +90,10 @@ class Belief:
         return rows
 
 
+STEPS = ("update", "is_key_pose", "predict")
+"""Methods of estimators that a robot does not call between key scans."""
+
+
 class Estimator:
     """Base of SLAM and localization, which estimate pose and map from sensor readings and odometry.
 
@@ -103,6 +107,9 @@ class Estimator:
     """Random generator of the episode."""
     uses_first_scan: bool = True
     """Whether the scan at the reset is processed."""
+    follows_odometry: bool = False
+    """Whether odometry moves the pose between key scans, and only key scans are processed. A subclass that overrides
+    `update` processes every scan, unless it declares otherwise."""
     shares_maps: bool = False
     """Whether the robots of a team can share one `map`."""
     map: Any = None
@@ -117,6 +124,13 @@ class Estimator:
     """Number of loop closures since the reset; None if loops are not closed."""
     pose_graph: Any = None
     """Graph with `nodes`, shape (n, 3), and `edges`, see `lidarnaut.envs.logs.runs.save_g2o`; None for none."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        bases = [base for base in cls.__bases__ if issubclass(base, Estimator)]
+        overrides = any(getattr(cls, name, None) is not getattr(base, name, None) for base in bases for name in STEPS)
+        if overrides and "follows_odometry" not in vars(cls):
+            cls.follows_odometry = False
 
     def reset(self, rng: np.random.Generator, pose: Any = ORIGIN, map: Any = None) -> Belief:
         """Start a new episode and return the initial estimate; by default, an unknown map of one cell.

@@ -12,6 +12,7 @@ class DeadReckoning(Estimator):
     """Pose estimation by odometry alone; scans are ignored."""
 
     uses_first_scan = False
+    follows_odometry = True
 
     def reset(
         self, rng: np.random.Generator, pose: Pose2D | None = ORIGIN, map: Any = None, covariance: Any = None

@@ -2,6 +2,7 @@
 
 from lidarnaut.envs.geometry.occupancy_grid import crop_to_known
 from lidarnaut.envs.navigation.controllers.dwb import DwbPlanner
+from lidarnaut.envs.navigation.controllers.local_planner import LocalPlanner
 from lidarnaut.envs.navigation.controllers.mppi import MppiParams, MppiPlanner
 from lidarnaut.envs.navigation.controllers.navigator import Navigator
 from lidarnaut.envs.navigation.controllers.regulated_pursuit import FollowerParams, PathFollower
@@ -56,6 +57,7 @@ __all__ = [
     "GoalNavigator",
     "GoalParams",
     "HomeNavigator",
+    "LocalPlanner",
     "Markers",
     "MppiParams",
     "MppiPlanner",

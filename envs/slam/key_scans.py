@@ -136,13 +136,17 @@ class KeyScanSlam(Estimator, ABC):
             ValueError: if the number of beams is wrong, or the motion is not finite.
         """
         ranges = check_scan(reading.ranges, motion, self._lidar)
-        predicted = self._predict(motion)
+        predicted = self.predict(motion)
         if reading.bumper:
             self.slip += distance(motion.x, motion.y)
         if self.params.match_every_scan or self.is_key_pose(predicted):
             return self.process_key_scan(ranges, predicted)
         self.belief.pose, self.belief.update = predicted, NO_UPDATE
         return self.belief
+
+    @property
+    def follows_odometry(self) -> bool:  # type: ignore[override]
+        return not self.params.match_every_scan
 
     def is_key_pose(self, pose: Pose2D) -> bool:
         last, params = self.last_key_pose, self.params
@@ -163,7 +167,8 @@ class KeyScanSlam(Estimator, ABC):
         self.slip = 0.0
         return belief
 
-    def _predict(self, motion: Pose2D) -> Pose2D:
+    def predict(self, motion: Pose2D) -> Pose2D:
+        """Return the pose after a motion by odometry."""
         return self.belief.pose.compose(motion)
 
     def _last_matched_pose(self) -> Pose2D | None:

@@ -34,14 +34,21 @@ class KnownPoses(KeyScanSlam):
     def match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         return predicted, self.params.quality
 
+    @property
+    def follows_odometry(self) -> bool:  # type: ignore[override]
+        return True
 
-class TinySlam(KnownPoses):
+
+class TinySlam(KeyScanSlam):
     """SLAM by Monte Carlo scan matching on one map (Steux and El Hamzaoui, tinySLAM, 2010).
 
     Further sources: OSLL/tiny-slam-ros-cpp (2017); Nguyen et al. (2025). If only scans after a minimum motion are
     matched, `belief.is_lost` is set after consecutive scans that do not fit the map. Such scans are not inserted. A
     lost robot is searched on the whole map.
     """
+
+    params: TinySlamParams
+    map: GridMap
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
         self.observers = tuple(observers)
@@ -81,7 +88,11 @@ class TinySlam(KnownPoses):
         num_known, score = known_score_at((self.map.grid.data,), self._points, count, x, y, pose.theta)
         return score >= least_score if num_known >= LEAST_KNOWN_HITS else None
 
-    def _predict(self, motion: Pose2D) -> Pose2D:
+    @property
+    def follows_odometry(self) -> bool:  # type: ignore[override]
+        return super().follows_odometry and bool(self.params.odometry == "robot_frame")
+
+    def predict(self, motion: Pose2D) -> Pose2D:
         pose = self.belief.pose
         if self.params.odometry == "robot_frame":
             return pose.compose(motion)

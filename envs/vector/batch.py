@@ -119,7 +119,7 @@ class Batch:
                 all(type(robot.estimator) is DeadReckoning for robot in env.robots) and env.priors[0].map is None,
             )
             self._time_limits[i] = env.time_limit
-            follows = all(robot.follows_odometry and robot.tracker is None for robot in env.robots)
+            follows = all(robot.estimator.follows_odometry and robot.tracker is None for robot in env.robots)
             self._rests[i] = follows and is_unobserved and (env.task.rests_between_scans or self._are_alike[i, 1])
 
     @property

@@ -54,6 +54,23 @@ def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
     env.close()
 
 
+class Crawler:
+    """Local planner without a base class."""
+
+    def __init__(self, robot, control_period, rng):
+        self.robot = robot
+
+    def command(self, pose, twist, obstacles):
+        assert len(self.tracks) == 0
+        return Twist(0.1 * self.robot.max_v, 0.0)
+
+
+def test_a_local_planner_of_ones_own_needs_only_commands():
+    navigator = navigator_to((1.0, 0.0), local_planner=f"{__name__}:Crawler")
+    assert navigator.act(reading_of(), Belief(HERE, hall())) == (0.1 * BURGER.max_v, 0.0)
+    assert len(navigator.plan) > 5
+
+
 def test_the_heading_asked_for_is_taken():
     ends = {"start": (-2.0, -0.5, 0.0), "goal": (-1.5, -0.5, 2.5), "goal_tolerance": 0.05, "heading_tolerance": 0.01}
     env = LidarEnv(Navigate, world="turtlebot3_world", physics="kinematic", localizer="truth", **ends)

@@ -21,6 +21,7 @@ from lidarnaut.envs.navigation.controllers.critics import (
     judge,
     spread,
 )
+from lidarnaut.envs.navigation.controllers.local_planner import LocalPlanner
 from lidarnaut.envs.navigation.controllers.regulated_pursuit import NEAREST_WINDOW, nearest_index
 from lidarnaut.envs.navigation.maps.costmap import CostmapParams, inflate
 from lidarnaut.envs.navigation.maps.planning_params import DwbParams
@@ -28,7 +29,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 
-class DwbPlanner:
+class DwbPlanner(LocalPlanner):
     """Local planner that samples velocity commands and scores their trajectories."""
 
     turns_at_goal = True
@@ -51,17 +52,9 @@ class DwbPlanner:
         # Signs of the last nonzero speeds, and banned signs, 0 for none.
         self._signs, self._banned = np.zeros(2), np.zeros(2)
         self._turned_at: Pose2D | None = None
-        self._path = np.empty((0, 2))
-        self._index = 0
         self._heading: float | None = None
         self._tolerance = params.xy_goal_tolerance
         self._has_no_path = False
-        self.tracks = np.empty((0, 5))
-        self.blocked = False
-
-    @property
-    def remaining(self) -> np.ndarray:
-        return self._path[self._index :]
 
     @property
     def _side(self) -> int:
@@ -72,8 +65,7 @@ class DwbPlanner:
 
         `tolerance`: upper limit of `xy_goal_tolerance` for this goal [m].
         """
-        self._path = path
-        self._index = 0
+        super().set_path(path)
         self._heading, self._tolerance = heading, min(tolerance, self._params.xy_goal_tolerance)
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:

@@ -17,6 +17,7 @@ from lidarnaut.envs.estimation.scan_points import without_bodies
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
+from lidarnaut.envs.navigation.controllers.local_planner import LocalPlanner
 from lidarnaut.envs.navigation.controllers.regulated_pursuit import NEAREST_WINDOW, nearest_index
 from lidarnaut.envs.navigation.maps.obstacles import stoppable_share
 from lidarnaut.envs.robots import RobotParams
@@ -163,7 +164,7 @@ def _cost_of_people(x, y, v, time, tracks, p):
     return cost
 
 
-class MppiPlanner:
+class MppiPlanner(LocalPlanner):
     """Local planner that uses model predictive path integral control (MPPI)."""
 
     def __init__(
@@ -181,17 +182,6 @@ class MppiPlanner:
         reach = min(robot.max_v * self._horizon + robot.radius, params.max_range)
         self._side = 2 * math.ceil(reach / params.resolution) + 1
         self._reach = min(math.ceil((robot.radius + params.margin) / params.resolution), 180)
-        self._path = np.empty((0, 2))
-        self._index = 0
-        self.tracks = np.empty((0, 5))
-        self.blocked = False
-
-    @property
-    def remaining(self) -> np.ndarray:
-        return self._path[self._index :]
-
-    def set_path(self, path: np.ndarray) -> None:
-        self._path, self._index = path, 0
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         p = self._numbers

@@ -14,6 +14,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lookup import record_type
+from lidarnaut.envs.navigation.controllers.local_planner import LocalPlanner
 from lidarnaut.envs.navigation.maps.obstacles import free_distance, points_within
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
@@ -258,22 +259,20 @@ def follow(state, path, x, y, theta, v_now, obstacles, numbers):
     return v, w, False
 
 
-class PathFollower:
+class PathFollower(LocalPlanner):
     """Local planner that uses regulated pure pursuit."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: FollowerParams = FollowerParams()) -> None:
         self._numbers = as_record(follower_numbers(robot, control_period, params))[0]
         self._state = np.zeros(1, dtype=record_type(FOLLOWER_FIELDS))
         self._state["side"] = 1.0
-        self._path = np.empty((0, 2))
-        self.blocked = False
 
     @property
     def remaining(self) -> np.ndarray:
         return self._path[self._state["index"][0] :]
 
     def set_path(self, path: np.ndarray) -> None:
-        self._path = np.ascontiguousarray(path)
+        super().set_path(path)
         self._state["index"] = 0
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:

@@ -5,7 +5,6 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import product
-from typing import Any, Protocol
 
 import numpy as np
 from pydantic import NonNegativeFloat, NonNegativeInt
@@ -13,9 +12,10 @@ from pydantic.dataclasses import dataclass
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.tracking import SENSITIVE_TRACKER, PeopleTracker
-from lidarnaut.envs.files import resolve
+from lidarnaut.envs.files import resolve, with_defaults
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.navigation.controllers.dwb import DwbPlanner
+from lidarnaut.envs.navigation.controllers.local_planner import NO_TRACKS, LocalPlanner
 from lidarnaut.envs.navigation.controllers.mppi import MppiPlanner
 from lidarnaut.envs.navigation.controllers.navigator import Navigator
 from lidarnaut.envs.navigation.controllers.navigator_kernels import FAILED
@@ -37,7 +37,6 @@ UNKNOWN_MARGIN, MAX_UNKNOWN_MARGIN = 3.0, 12.0
 """Initial and maximum width of unknown space around map, goal and robot that paths may cross [m]."""
 MIN_EDGE_DISTANCE = 1.0
 """Distance of the robot from the map edge that triggers a map extension [m]."""
-NO_TRACKS = np.empty((0, 5))
 EXIT_REACH = 1.5
 """Maximum length of a straight path out of a mapped obstacle [m]."""
 BLOCKED_REASONS = {
@@ -61,32 +60,6 @@ ON_GROWING_MAPS = PlanningParams(
 """Planning parameters for growing maps: mark obstacles up to 8 m away, allow gaps as narrow as the footprint."""
 NUM_FITTING = 2
 """Number of footprint radii, from the largest, tried first on growing maps. Smaller radii are a last resort."""
-
-
-class LocalPlanner(Protocol):
-    """Interface of local planners, which follow one path at a time.
-
-    Constructed with robot, control period [s] and random generator. Obstacles are in the base frame, so stops do not
-    depend on the pose estimate. An attribute `tracks` is set to tracked people; see `PeopleTracker.people`. With
-    `turns_at_goal = True`, `set_path(path, heading, tolerance)` also gets heading [rad] and tolerance [m] of the goal.
-    """
-
-    @property
-    def blocked(self) -> bool:
-        """True if obstacles prevented forward motion in the last command."""
-
-    @property
-    def remaining(self) -> np.ndarray:
-        """Remaining path, shape (n, 2), map frame [m]."""
-
-    def set_path(self, path: np.ndarray) -> None:
-        """Set the path: shape (n, 2), n > 0, map frame [m]."""
-
-    def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
-        """Return the next velocity command.
-
-        `pose`: pose estimate, map frame. `twist`: current velocity. `obstacles`: points, shape (n, 2), base frame [m].
-        """
 
 
 MakePlanner = Callable[[RobotParams, float, np.random.Generator], LocalPlanner]
@@ -164,8 +137,8 @@ class GoalNavigator(Explorer):
         limits = NavigatorParams(goal_tolerance=0.0, max_recoveries=self.params.max_recoveries)
         self._navigator = Navigator(robot, control_period, limits)
         makers = {**LOCAL_PLANNERS, "dwb": lambda robot, period, _: DwbPlanner(robot, period, self.dwb or DwbParams())}
-        self._planner: Any = resolve(self.params.local_planner, makers, "local planner")(robot, control_period, rng)
-        self._turns_itself = getattr(self._planner, "turns_at_goal", False)
+        planner = resolve(self.params.local_planner, makers, "local planner")(robot, control_period, rng)
+        self._planner: LocalPlanner = with_defaults(planner, LocalPlanner)
         self._tracker = (
             PeopleTracker(robot.lidar, control_period, SENSITIVE_TRACKER) if self.params.track_people else None
         )
@@ -283,7 +256,7 @@ class GoalNavigator(Explorer):
         is_turning, final_turn = abs(turn) > self._heading_tolerance, Twist(0.0, turn_rate(turn, navigator.numbers))
         if is_at_goal and is_turning:
             navigator.record["stuck_steps"] = -1  # not stuck; stalled turns still count
-            if not self._turns_itself:
+            if not self._planner.turns_at_goal:
                 return final_turn
         elif is_at_goal and not self._next_search_point(pose, planning):
             self.end_reason = "arrived"
@@ -295,7 +268,7 @@ class GoalNavigator(Explorer):
             self._has_path = is_near and is_path_valid(costmap, path, allow_unknown=allow_unknown)
         if not self._has_path and not self._find_path(pose, planning):
             return navigator.command(pose) if self.is_driving else STOP
-        if self._heading is not None and not self._turns_itself and self._distance(pose) <= APPROACH_DISTANCE:
+        if self._heading is not None and not self._planner.turns_at_goal and self._distance(pose) <= APPROACH_DISTANCE:
             navigator.follow(self._planner.remaining)
             return navigator.command(pose)
         twist: Twist = self._planner.command(pose, navigator.velocity, navigator.obstacles)
@@ -322,9 +295,7 @@ class GoalNavigator(Explorer):
 
     def _track(self, ranges: np.ndarray) -> None:
         if self._tracker is not None:
-            self.tracks = self._tracker.update(ranges, self._navigator.motion)
-            if hasattr(self._planner, "tracks"):
-                self._planner.tracks = self.tracks
+            self.tracks = self._planner.tracks = self._tracker.update(ranges, self._navigator.motion)
 
     def _is_due(self, period: float) -> bool:
         return self._steps % max(1, round(period / self._period)) == 0
@@ -369,7 +340,7 @@ class GoalNavigator(Explorer):
                 if self._heading is not None and math.dist(path[-1], self.target) < planning.side:
                     path[-1] = self.target
                 path = smooth_path(costmap, path, allow_unknown=allow_unknown)
-                ending = (self._heading, self._tolerance) if self._turns_itself else ()
+                ending = (self._heading, self._tolerance) if self._planner.turns_at_goal else ()
                 self._planner.set_path(path, *ending)
                 self._navigator.drive_to(path, keep_clocks=self._has_planned)
                 if not self._has_planned:
