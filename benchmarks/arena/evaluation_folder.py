@@ -71,7 +71,7 @@ class Records:
             columns: names and parsers of the columns of `episodes.csv`.
             settings: settings common to all episodes.
             shard: part of the evaluation to run, such as `1of4`; empty for all.
-            worlds: paths or `module:attribute` of user-defined worlds, and preset files of SLAMs, by name.
+            worlds: paths or `module:attribute` of user-defined worlds, and files of SLAM presets and robots, by name.
 
         Raises:
             ValueError: if the folder has other settings or worlds, or unreadable rows.
@@ -106,7 +106,7 @@ class Records:
         self._rows = {Key.of(row): row for row in self._episodes.read()}
         self._failures = {Key.of(row): row["reason"] for row in self._reasons.read()}
         self._known_worlds = {row["world"]: row for row in self._worlds.read()}
-        there = {name for key in self._rows for name in (key.world, key.slam)}
+        there = {name for key in self._rows for name in (key.world, key.slam, key.robot)}
         for world, own in self._own_worlds.items():
             known = self._known_worlds.get(world, own)
             if world in there and (known["content"] or known["source"]) != (own["content"] or own["source"]):
@@ -134,7 +134,7 @@ class Records:
         return None if key in self._rows else self._failures.get(key)
 
     def add(self, row: Row) -> None:
-        for name in (row["world"], row["slam"]):
+        for name in (row["world"], row["slam"], row["robot"]):
             own = self._own_worlds.get(name)
             if own and self._known_worlds.get(name) != own:
                 self._worlds.append(own)

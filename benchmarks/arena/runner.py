@@ -90,7 +90,8 @@ class Evaluation:
         known = {USUAL, *WORLD_NAMES, *BARN_NAMES, *FAMILIES}
         own_worlds = {name: world for name, world in worlds.items() if world not in known}
         presets = {key.slam: split_parameters(key.slam)[1].get("preset", "") for key in self._all_tasks}
-        own_worlds |= {slam: preset for slam, preset in presets.items() if Path(str(preset)).is_file()}
+        robots = {key.robot: task.case.robot for key, task in self._all_tasks.items()}
+        own_worlds |= {name: file for name, file in (presets | robots).items() if Path(str(file)).is_file()}
         common = {"time_limit": settings.time_limit, "id": settings.id}
         common["arguments"] = json.loads(json.dumps(settings.arguments, default=repr))
         self._records = Records(folder, self.columns, common, self._shard, own_worlds)

@@ -1,12 +1,15 @@
 import json
+from pathlib import Path
 
 import pytest
 
 from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key, Records
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.envs import robots
 from tests.benchmarks.explorations import COLUMNS
 
+LIBRARY = Path(robots.__file__).parent / "library"
 SETTINGS = {"time_limit": 12.5}
 LEARNED = 'ppo:a,"odd" path'
 MODELS = {"random": "", LEARNED: "f" * 12}
@@ -147,13 +150,21 @@ def test_a_map_whose_image_has_changed_is_another_world(tmp_path):
         records_of(folder, **worlds)
 
 
-def test_a_changed_preset_file_of_a_slam_is_noticed(tmp_path):
-    (preset := tmp_path / "own.yaml").write_text("sigma_xy: 0.03\n")
-    slam = f"tinyslam?preset={preset}"
-    settings = Settings(policies=("random",), worlds=("turtlebot3_stage_1",), slam=(slam,), time_limit=1.0, episodes=1)
+@pytest.mark.parametrize("kind", ["slam", "robots"])
+def test_a_changed_file_of_a_slam_preset_or_a_robot_is_noticed(tmp_path, kind):
+    own = tmp_path / "own.yaml"
+    if kind == "slam":
+        first, other, name = "sigma_xy: 0.03\n", "sigma_xy: 0.1\n", f"tinyslam?preset={own}"
+    else:
+        first, name = (LIBRARY / "raspimouse.yaml").read_text().replace("name: raspimouse", "name: own"), str(own)
+        other = first + "# another robot\n"
+    own.write_text(first)
+    settings = Settings(
+        policies=("random",), worlds=("turtlebot3_stage_1",), time_limit=1.0, episodes=1, **{kind: (name,)}
+    )
     evaluation = Evaluation(settings, tmp_path / "out")
     assert not evaluation.run()
     Evaluation(settings, tmp_path / "out")
-    preset.write_text("sigma_xy: 0.1\n")
-    with pytest.raises(ValueError, match=r"with 'tinyslam\?preset=.*' of an earlier version of .*own\.yaml; choose"):
+    own.write_text(other)
+    with pytest.raises(ValueError, match=r"with '.*own.*' of an earlier version of .*own\.yaml; choose"):
         Evaluation(settings, tmp_path / "out")
