@@ -73,7 +73,7 @@ class Driver:
             motion: messages with the motion of the wheels: `odometry` or `encoders`.
             control_hz: rate of `command` [Hz]; default: that of the policy's training, otherwise 10.
             timeout: maximum age of the last used scan; beyond, the robot stops [s].
-            odometry_scales: factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a drive.
+            odometry_scales: factors of distances and turns, as `lidarnaut-replay` prints them for a drive.
             gyro: whether yaw rates of `imu` replace the turns of odometry. With encoders, the robot YAML says so.
             seed: seed of estimator and policy.
             arguments: arguments of the environment, such as `slam` and `map`. By default, `observations` and
@@ -200,7 +200,7 @@ class Driver:
     @property
     def map_to_odometry(self) -> Pose2D:
         """Pose of the odometry frame in the map frame, for `/tf`; without odometry messages, the estimated pose."""
-        return self.belief.pose.compose(Pose2D(*self._wheels.pose.tolist()).inverse())
+        return self.belief.pose.compose(self._wheels.pose.inverse())
 
     def command(self, stamp: float, hold: str = "") -> Twist:
         """Return the velocity command at the time `stamp`; a stop, and `reason`, if the robot may not drive.
@@ -266,10 +266,10 @@ class Driver:
         elif not stamp - self._stamp <= self.timeout:  # a pause, or another clock
             self._offset = stamp - self._time - self.env.control_period
         self._time, self._scan_stamp = stamp - self._offset, scan_stamp
-        if scan_stamp != stamp:
-            ranges = self._moved(ranges, *wheels.poses(np.array([scan_stamp, stamp])))
         if num_jumps := wheels.advance(self._stamp, self.timeout, is_first=is_first):
-            self._drop("jump of odometry", num_jumps)
+            self._drop(f"jump of {'encoders' if wheels.uses_encoders else 'odometry'}", num_jumps)
+        elif scan_stamp != stamp:
+            ranges = self._moved(ranges, *wheels.poses(np.array([scan_stamp, stamp])))
         rates = [rate for time, rate in self._rates if time <= stamp]
         yaw_rate = float(np.mean(rates)) if rates else 0.0
         if not (rates or is_first):

@@ -225,6 +225,21 @@ def test_a_jump_of_odometry_does_not_move_the_robot():
     assert driver.dropped == {"jump of odometry": 1}
 
 
+@pytest.mark.parametrize("first", [5, 2**31 - 1, -(10**12)])
+def test_encoders_that_begin_anew_do_not_move_the_robot(first):
+    """The base restarts at zero after 20 of 40 messages, each 2 cm further."""
+    driver = Driver(make_explorer("pursuit"), BURGER, motion="encoders", slam="odometry")
+    counts = round(0.02 / driver.robot.odometry.metres_per_tick)
+    for k in range(40):
+        count = first + k * counts if k < 20 else (k - 20) * counts
+        driver.encoders(count, count, 0.1 * k)
+        driver.scan(np.full(360, 1.0), 0.1 * k - 0.03)
+        driver.command(0.1 * k)
+    moved = counts * driver.robot.odometry.metres_per_tick
+    assert driver.dropped == {"jump of encoders": 1}
+    assert driver.belief.pose.x == pytest.approx(38 * moved, abs=1e-6)
+
+
 def test_a_slow_robot_may_be_pushed_by_hand():
     robot = dataclasses.replace(load_robot(BURGER), max_v=0.1)
     driver, ranges = Driver(make_explorer("pursuit"), robot, slam="odometry"), np.full(360, 1.0)
