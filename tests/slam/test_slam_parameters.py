@@ -4,7 +4,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-from lidarnaut.benchmarks.drives.slams import compare_slams
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import ORIGIN
 from lidarnaut.envs.logs.replay import Options
@@ -103,9 +102,7 @@ def test_evaluations_take_parameters_and_resume(tmp_path, no_overview):
     assert SPEC in (tmp_path / "report.html").read_text()
 
 
-def test_drives_and_replays_take_parameters(tmp_path):
-    rows = compare_slams((SPEC, "tinyslam"), ("turtlebot3_world:turtlebot3_burger",), seeds=1, minutes=0.1)
-    assert [row["slam"] for row in rows] == [SPEC, "tinyslam"]
+def test_replays_take_parameters(tmp_path):
     log = tmp_path / "drive.log"
     log.write_text("FLASER 3 1.0 1.5 2.0 0 0 0 0 0 0 1.0 host 1.0\nFLASER 3 1.0 1.5 2.0 0.3 0 0 0.3 0 0 2.0 host 2.0\n")
     (run,) = replay(Options(log, slam=SPEC, out=tmp_path / "out"))
