@@ -32,6 +32,15 @@ def robots_at_poses(*poses, radius=0.3):
 
 
 FAR_AWAY = (1000.0, 1000.0, 0.0, 0.0)
+NO_ROBOTS = np.empty((0, 5))
+
+
+def people_at(positions, velocities=0.0, kinds=at.ATTENTIVE):
+    """Rows of people with a radius of 0.3 m and a desired speed of 1 m/s."""
+    people = np.zeros((len(positions), at.PERSON_SIZE))
+    people[:, [at.X, at.Y]], people[:, [at.VX, at.VY]] = positions, velocities
+    people[:, at.RADIUS], people[:, at.SPEED], people[:, at.KIND] = 0.3, 1.0, kinds
+    return people
 
 
 def begin(world, crowd, seed=0, poses=(), radius=0.3):

@@ -94,28 +94,3 @@ def test_a_grown_map_is_pooled_anew_and_keeps_where_the_robot_was():
     shown = crops(pyramid, pose)
     assert shown.any(axis=(2, 3)).all()
     assert np.mean(shown != before, axis=(1, 2, 3)).max() < 0.005  # borders between blocks, in single precision
-
-
-def test_crops_point_forward_and_left():
-    data = np.full((200, 200), -1, dtype=np.int8)
-    # The robot is at the origin and faces +y; a wall is 2 m ahead, free space 2 m to its left (-x).
-    data[140:144, 96:104] = 100
-    data[96:104, 58:62] = 0
-    near, _ = crops(MapPyramid(OccupancyGrid(data, 0.05, (-5.0, -5.0)), []), Pose2D(0.01, 0.01, math.pi / 2))
-    ahead = np.argwhere(near[0])
-    assert (ahead[:, 0] >= 29).all()
-    assert ahead[:, 1].mean() == pytest.approx(19.5, abs=1.1)
-    left = np.argwhere(near[1])
-    assert (left[:, 1] >= 28).all()
-    assert left[:, 0].mean() == pytest.approx(19.5, abs=1.1)
-
-
-@pytest.mark.parametrize("theta", np.linspace(0.0, 1.5, 7))
-def test_no_thin_wall_is_lost(theta):
-    """A wall of single cells appears in most of the pixels that it crosses, at any heading of the robot."""
-    data = np.zeros((640, 640), dtype=np.int8)
-    data[340, :] = 100
-    pyramid = MapPyramid(OccupancyGrid(data, 0.05, (-16.0, -16.0)), [])
-    for shown in crops(pyramid, Pose2D(0.0, 0.0, theta)):
-        seen = np.flatnonzero(shown[0].any(axis=1 if abs(math.cos(theta)) > 0.7 else 0))
-        assert len(seen) >= 0.9 * (np.ptp(seen) + 1) >= 0.9 * 15

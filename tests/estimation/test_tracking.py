@@ -1,33 +1,15 @@
 import copy
-import itertools
 import math
 
 import numpy as np
 import pytest
 
-from lidarnaut.envs.estimation.tracking import (
-    IS_PERSON,
-    LARGE_ENOUGH,
-    NOT_STANDING,
-    P_VV,
-    P_XV,
-    P_XX,
-    SENSITIVE_TRACKER,
-    SPEED_STD,
-    TRACK_SIZE,
-    VX,
-    VY,
-    PeopleTracker,
-    TrackerParams,
-    X,
-    Y,
-    correct,
-    predict,
-    tracker_numbers,
-)
+from lidarnaut.envs.estimation import tracking as at
+from lidarnaut.envs.estimation.tracking import SENSITIVE_TRACKER, PeopleTracker, TrackerParams
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.robots import LidarParams, Mount
+from tests.slam.rooms import rectangle
+from tests.slam.rooms import scan as exact_scan
 
 LIDAR = LidarParams(num_beams=360, range_max=12.0, range_min=0.12, noise_std=0.01, mount=Mount(x=-0.05, yaw=0.3))
 SIDE = 12.0
@@ -35,25 +17,22 @@ BLOCKS = [(8.0, 3.0, 0.5), (2.0, 9.0, 0.4), (5.0, 6.0, 1.5)]
 PILLARS = [(3.0, 3.0, 0.25), (9.0, 8.0, 0.15), (6.0, 10.0, 0.05)]
 
 
-def square(x, y, side):
-    corners = [(x, y), (x + side, y), (x + side, y + side), (x, y + side), (x, y)]
-    return [(*a, *b) for a, b in itertools.pairwise(corners)]
-
-
-SEGMENTS = np.array([row for block in [(0.0, 0.0, SIDE), *BLOCKS] for row in square(*block)])
+SEGMENTS = np.concatenate([rectangle(0, 0, SIDE, SIDE), *(rectangle(x, y, x + s, y + s) for x, y, s in BLOCKS)])
 
 
 def scan(pose, circles, rng, lidar=LIDAR):
-    out = np.empty(lidar.num_beams)
-    x, y, theta = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
-    cast_rays(x, y, theta, lidar.beams, SEGMENTS, np.array([*PILLARS, *circles], dtype=float), out)
-    return (out + rng.normal(0.0, lidar.noise_std, len(out))).astype(np.float32)
+    return exact_scan(pose, rng, lidar.noise_std, SEGMENTS, lidar, np.array([*PILLARS, *circles], dtype=float))
 
 
 def ends_of(pose, ranges):
     """Return endpoints of beams, shape (num_beams, 2), world frame [m]."""
     ranges = np.nan_to_num(ranges, posinf=1e3)
     return pose.transform((ranges * LIDAR.directions).T + (LIDAR.mount.x, LIDAR.mount.y))
+
+
+def gaps_between(points, others):
+    """Return distances of the first two columns, shape (len(points), len(others)) [m]."""
+    return np.hypot(*np.moveaxis(points[:, None, :2] - others[:, :2], 2, 0))
 
 
 def body(kind, x, y, vx, vy, time):
@@ -103,37 +82,29 @@ def walks(number, rng):
 
 @pytest.mark.parametrize("kind", ["disc", "legs"])
 def test_people_are_found_with_their_velocities(kind):
-    rng = np.random.default_rng(1)
-    found = visible = wrong = 0
-    errors = []
+    rng, visible, wrong, errors = np.random.default_rng(1), 0, 0, []
     for time, pose, tracks, people, ranges in drive(PeopleTracker(LIDAR, 0.1), walks(6, rng), 40.0, rng, kind):
         if time < 4.0:
             continue
-        ends = ends_of(pose, ranges)
-        seen = np.array([(np.hypot(*(ends - row[:2]).T) < 0.4).sum() > 3 for row in people])
-        places = pose.transform(tracks[:, :2])
-        gaps = np.hypot(*(places[:, None] - people[None, :, :2]).T).T.reshape(len(tracks), len(people))
+        seen = (gaps_between(ends_of(pose, ranges), people) < 0.4).sum(axis=0) > 3
         seen &= np.hypot(*(people[:, :2] - pose[:2]).T) < 7.0
+        gaps = gaps_between(pose.transform(tracks[:, :2]), people)
         visible += seen.sum()
         wrong += (gaps.min(axis=1, initial=9.0) > 0.6).sum()
-        for k in np.flatnonzero(seen):
-            if len(tracks) and gaps[:, k].min() < 0.5:
-                found += 1
-                track = tracks[gaps[:, k].argmin()]
-                velocity = Pose2D(0.0, 0.0, pose.theta).transform(track[None, 2:4])[0]
-                errors.append(np.hypot(*(velocity - people[k, 2:])))
+        for k in np.flatnonzero(seen & (gaps.min(axis=0, initial=9.0) < 0.5)):
+            velocity = Pose2D(0.0, 0.0, pose.theta).transform(tracks[gaps[:, k].argmin(), None, 2:4])[0]
+            errors.append(np.hypot(*(velocity - people[k, 2:])))
     assert visible > 300
-    assert found > 0.85 * visible
+    assert len(errors) > 0.85 * visible
     assert wrong < 0.1 * visible
     assert np.median(errors) < 0.2
     assert 0.05 < np.median(tracks[:, 4]) < 0.4
 
 
-def test_walls_and_pillars_are_no_people_for_a_robot_that_turns_fast():
-    rng = np.random.default_rng(2)
-    for lidar in (LIDAR, LidarParams(num_beams=270, range_max=5.0, fov=math.radians(270.0), noise_std=0.01)):
-        counts = [len(tracks) for _, _, tracks, _, _ in drive(PeopleTracker(lidar, 0.1), [], 60.0, rng, lidar=lidar)]
-        assert sum(counts) == 0
+@pytest.mark.parametrize("lidar", [LIDAR, LidarParams(270, 5.0, fov=math.radians(270.0), noise_std=0.01)])
+def test_walls_and_pillars_are_no_people_for_a_robot_that_turns_fast(lidar):
+    for _, _, tracks, _, _ in drive(PeopleTracker(lidar, 0.1), [], 60.0, np.random.default_rng(2), lidar=lidar):
+        assert len(tracks) == 0
 
 
 def stand(time):
@@ -141,71 +112,55 @@ def stand(time):
 
 
 def test_who_stands_becomes_a_person_by_walking_and_stays_one_standing():
-    rng = np.random.default_rng(3)
-
     def person(time):
-        walked = min(max(time - 5.0, 0.0), 3.0)
-        return 3.0 + walked, 4.5, (1.0 if 5.0 < time < 8.0 else 1e-9), 0.0
+        return 3.0 + min(max(time - 5.0, 0.0), 3.0), 4.5, (1.0 if 5.0 < time < 8.0 else 1e-9), 0.0
 
-    shown = {
-        round(time, 1): len(tracks)
-        for time, _, tracks, _, _ in drive(PeopleTracker(LIDAR, 0.1), [person], 20.0, rng, course=stand)
-    }
-    assert not any(shown[k] for k in shown if k < 5.0)
-    assert all(shown[k] == 1 for k in shown if k > 6.5)
+    for time, _, tracks, _, _ in drive(
+        PeopleTracker(LIDAR, 0.1), [person], 20.0, np.random.default_rng(3), course=stand
+    ):
+        assert len(tracks) == 0 or time > 4.95
+        assert len(tracks) == 1 or time < 6.55
 
 
-def test_who_comes_straight_from_where_no_scan_has_looked_past_is_a_person_after_hidden_travel():
-    def approaching(time):
-        return 3.0 + 1.0 * time, 4.5 - 0.833 * time, 1.0, -0.833
-
-    shown = []
-    for hidden_travel in (math.inf, 0.2):
-        params = TrackerParams(min_hits=2, min_travel=0.1, significance=1.0, hidden_travel=hidden_travel)
-        tracker, rng = PeopleTracker(LIDAR, 0.1, params), np.random.default_rng(8)
-        shown.append([len(row[2]) for row in drive(tracker, [approaching], 0.8, rng, course=stand)])
-    assert not any(shown[0])
-    assert shown[1][-3:] == [1, 1, 1]
+@pytest.mark.parametrize(("hidden_travel", "shown"), [(math.inf, [0, 0, 0]), (0.2, [1, 1, 1])])
+def test_who_comes_straight_from_where_no_scan_has_looked_past_is_a_person_after_hidden_travel(hidden_travel, shown):
+    params = TrackerParams(min_hits=2, min_travel=0.1, significance=1.0, hidden_travel=hidden_travel)
+    tracker, rng = PeopleTracker(LIDAR, 0.1, params), np.random.default_rng(8)
+    steps = drive(tracker, [lambda t: (3.0 + t, 4.5 - 0.833 * t, 1.0, -0.833)], 0.8, rng, course=stand)
+    assert [len(tracks) for _, _, tracks, _, _ in steps][-3:] == shown
 
 
-def test_who_is_hidden_is_kept_for_a_while_and_who_has_gone_is_not():
-    rng = np.random.default_rng(4)
-    tracker = PeopleTracker(LIDAR, 0.1)
+def test_who_is_hidden_is_kept_for_a_while():
+    tracker, hidden = PeopleTracker(LIDAR, 0.1), []
 
     def person(time):  # behind the block from x = 4.0 on; it stays there
         return min(1.0 + time, 5.7), 8.2, 1.0, 0.0
 
-    hidden = []
-    for _, _, tracks, _, _ in drive(tracker, [person], 12.0, rng, course=stand):
-        hidden.append((len(tracks), int(tracker.tracks[:, IS_PERSON].sum())))
+    for _, _, tracks, _, _ in drive(tracker, [person], 12.0, np.random.default_rng(4), course=stand):
+        hidden.append((len(tracks), int(tracker.tracks[:, at.IS_PERSON].sum())))
     assert (1, 1) in hidden[20:40]
     assert (0, 1) in hidden
     assert hidden[-1] == (0, 0)
 
+
+def test_who_has_gone_is_not_kept():
     def walking(time):
         return (3.0 + time, 4.5, 1.0, 0.0) if time < 3.0 else (-50.0, -50.0, 1.0, 0.0)
 
-    shown = [len(tracks) for _, _, tracks, _, _ in drive(PeopleTracker(LIDAR, 0.1), [walking], 4.0, rng, course=stand)]
-    assert shown[28] == 1
-    assert shown[36] == 0
+    steps = drive(PeopleTracker(LIDAR, 0.1), [walking], 4.0, np.random.default_rng(4), course=stand)
+    shown = [len(tracks) for _, _, tracks, _, _ in steps]
+    assert (shown[28], shown[36]) == (1, 0)
 
 
 def test_what_is_as_large_as_a_person_is_a_body_from_its_second_scan_on():
-    tracker, rng = PeopleTracker(LIDAR, 0.1), np.random.default_rng(8)
-
-    def walker(time):
-        return 9.5, 4.0 + 1.2 * time, 0.0, 1.2
-
+    tracker, rng, walker = PeopleTracker(LIDAR, 0.1), np.random.default_rng(8), lambda t: (9.5, 4.0 + 1.2 * t, 0.0, 1.2)
     for time, pose, people, rows, _ in drive(tracker, [walker], 0.8, rng, course=lambda _: Pose2D(8.0, 5.5, 0.0)):
-        bodies = tracker.bodies
-        places = pose.transform(bodies[:, :2])
-        is_there = np.hypot(*(places - rows[0, :2]).T) < 0.2
+        is_there = gaps_between(pose.transform(tracker.bodies[:, :2]), rows)[:, 0] < 0.2
         assert is_there.sum() == (time > 0.05)
         if len(people) == 0 and time > 0.25:
-            velocity = bodies[is_there][0, 2:4]
-            np.testing.assert_allclose(velocity, (0.0, 1.2), atol=0.6)
+            np.testing.assert_allclose(tracker.bodies[is_there][0, 2:4], (0.0, 1.2), atol=0.6)
     assert len(people) == 1
-    assert len(bodies) >= 1
+    assert len(tracker.bodies) >= 1
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -225,15 +180,13 @@ def test_the_centre_of_what_is_hidden_in_part_is_that_of_the_whole_body(side):
 
 
 def test_beams_on_people_are_told_from_beams_on_walls():
-    rng = np.random.default_rng(5)
-    tracker = PeopleTracker(LIDAR, 0.1)
+    rng, tracker = np.random.default_rng(5), PeopleTracker(LIDAR, 0.1)
     right = wrong = beams = 0
     for time, pose, _, people, ranges in drive(tracker, walks(3, rng), 20.0, rng):
-        ends = ends_of(pose, ranges)
-        truth = (np.hypot(*(ends[:, None] - people[None, :, :2]).T) < 0.3).any(axis=0)
-        truth &= ranges < 7.0
+        truth = (gaps_between(ends_of(pose, ranges), people) < 0.3).any(axis=1) & (ranges < 7.0)
         mask = tracker.is_on_person(ranges)
-        not_standing, large_enough = (tracker.is_on_person(ranges, include=k) for k in (NOT_STANDING, LARGE_ENOUGH))
+        not_standing = tracker.is_on_person(ranges, include=at.NOT_STANDING)
+        large_enough = tracker.is_on_person(ranges, include=at.LARGE_ENOUGH)
         assert not (mask & ~not_standing).any()
         assert not (not_standing & ~large_enough).any()
         if time > 4.0:
@@ -253,15 +206,11 @@ def test_a_piece_of_wall_between_bodies_is_no_body():
 
 
 def test_somebody_who_follows_another_is_lost_nowhere():
-    def walker(start):
-        return lambda time: (start + 1.2 * time, 10.8, 1.2, 0.0)
-
-    rng, missed = np.random.default_rng(9), 0
-    tracker = PeopleTracker(LIDAR, 0.1, SENSITIVE_TRACKER)
-    people = [walker(7.0), walker(5.56)]  # after 1.2 s the second person is at the first one's start
+    rng, tracker, missed = np.random.default_rng(9), PeopleTracker(LIDAR, 0.1, SENSITIVE_TRACKER), 0
+    # After 1.2 s the second person is where the first one started.
+    people = [lambda time, start=start: (start + 1.2 * time, 10.8, 1.2, 0.0) for start in (7.0, 5.56)]
     for time, pose, _, rows, _ in drive(tracker, people, 2.5, rng, course=lambda _: Pose2D(8.0, 9.0, math.pi / 2.0)):
-        places = pose.transform(tracker.bodies[:, :2])
-        gaps = np.hypot(*(places[:, None] - rows[None, :, :2]).T).T.reshape(len(places), 2)
+        gaps = gaps_between(pose.transform(tracker.bodies[:, :2]), rows)
         missed += (gaps.min(axis=0) > 0.25).sum() if time > 0.25 else 0
     assert missed == 0
 
@@ -269,26 +218,26 @@ def test_somebody_who_follows_another_is_lost_nowhere():
 def test_the_filter_is_that_of_kalman():
     """Matrix equations for four states, compared with the equations for one axis."""
     params, dt, rng = TrackerParams(), 0.1, np.random.default_rng(6)
-    numbers = tracker_numbers(LIDAR, params)
-    track = np.zeros(TRACK_SIZE)
-    track[[X, Y, P_XX, P_VV]] = 1.0, 2.0, params.position_std**2, SPEED_STD**2
+    numbers = at.tracker_numbers(LIDAR, params)
+    track = np.zeros(at.TRACK_SIZE)
+    track[[at.X, at.Y, at.P_XX, at.P_VV]] = 1.0, 2.0, params.position_std**2, at.SPEED_STD**2
     mean = np.array([1.0, 2.0, 0.0, 0.0])
-    covariance = np.diag([params.position_std**2] * 2 + [SPEED_STD**2] * 2)
+    covariance = np.diag([params.position_std**2] * 2 + [at.SPEED_STD**2] * 2)
     move = np.eye(4) + dt * np.eye(4, k=2)
     one, q = np.eye(2), params.acceleration
     noise = q * np.block([[dt**3 / 3 * one, dt**2 / 2 * one], [dt**2 / 2 * one, dt * one]])
     observe, spread = np.eye(2, 4), params.position_std**2 * one
     for k in range(20):
         mean, covariance = move @ mean, move @ covariance @ move.T + noise
-        predict(track, dt, numbers)
+        at.predict(track, dt, numbers)
         if k % 3 != 2:
             measured = np.array([1.0 + 0.1 * k, 2.0]) + rng.normal(0.0, 0.05, 2)
             gain = covariance @ observe.T @ np.linalg.inv(observe @ covariance @ observe.T + spread)
             mean = mean + gain @ (measured - observe @ mean)
             covariance = (np.eye(4) - gain @ observe) @ covariance
-            correct(track, *measured, numbers)
-        assert track[[X, Y, VX, VY]] == pytest.approx(mean)
-        assert track[[P_XX, P_XV, P_VV]] == pytest.approx(covariance[[0, 0, 2], [0, 2, 2]])
+            at.correct(track, *measured, numbers)
+        assert track[[at.X, at.Y, at.VX, at.VY]] == pytest.approx(mean)
+        assert track[[at.P_XX, at.P_XV, at.P_VV]] == pytest.approx(covariance[[0, 0, 2], [0, 2, 2]])
 
 
 def test_a_copy_goes_on_alike_and_a_reset_forgets():

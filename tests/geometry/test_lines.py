@@ -3,25 +3,18 @@ import math
 import numpy as np
 import pytest
 
+from lidarnaut.envs.geometry import lines
 from lidarnaut.envs.geometry.clearance import clearance
-from lidarnaut.envs.geometry.lines import (
-    cell_along,
-    lengths_along,
-    longest_step,
-    next_cell,
-    points_at,
-    resample,
-    start_walk,
-)
+from lidarnaut.envs.geometry.lines import resample
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5]])
 
 
 def crossed(x0, y0, x1, y1):
-    walk = start_walk(x0, y0, x1, y1)
+    walk = lines.start_walk(x0, y0, x1, y1)
     cells = [(walk.row, walk.col)]
     while walk.rows_left + walk.cols_left > 0:
-        walk = next_cell(walk)
+        walk = lines.next_cell(walk)
         cells.append((walk.row, walk.col))
     return cells
 
@@ -53,23 +46,23 @@ def test_a_walk_visits_what_dense_samples_of_its_line_fall_into():
 
 
 def test_cells_along_a_direction_follow_each_other():
-    assert [cell_along(2, 3, 1.0, 0.0, k) for k in range(3)] == [(2, 3), (3, 3), (4, 3)]
-    assert [cell_along(0, 0, 0.5, -1.0, k) for k in (1, 2, 3)] == [(1, -1), (1, -2), (2, -3)]
+    assert [lines.cell_along(2, 3, 1.0, 0.0, k) for k in range(3)] == [(2, 3), (3, 3), (4, 3)]
+    assert [lines.cell_along(0, 0, 0.5, -1.0, k) for k in (1, 2, 3)] == [(1, -1), (1, -2), (2, -3)]
 
 
 def test_the_longest_step_leaves_out_no_row_or_column():
     for angle in np.linspace(-4.0, 4.0, 57):
-        d_row, d_col = longest_step(angle)
+        d_row, d_col = lines.longest_step(angle)
         assert max(abs(d_row), abs(d_col)) == 1.0
         assert math.atan2(d_row, d_col) == pytest.approx(math.atan2(math.sin(angle), math.cos(angle)))
 
 
 def test_lengths_and_points_along():
-    along = lengths_along(CORNERS)
+    along = lines.lengths_along(CORNERS)
     assert along.tolist() == [0.0, 1.0, 1.5]
-    assert lengths_along(CORNERS[:1]).tolist() == [0.0]
-    assert points_at(CORNERS, along, 1.25).tolist() == [1.0, 0.25]
-    assert points_at(CORNERS, along, np.array([-1.0, 0.5, 9.0])).tolist() == [[0.0, 0.0], [0.5, 0.0], [1.0, 0.5]]
+    assert lines.lengths_along(CORNERS[:1]).tolist() == [0.0]
+    assert lines.points_at(CORNERS, along, 1.25).tolist() == [1.0, 0.25]
+    assert lines.points_at(CORNERS, along, np.array([-1.0, 0.5, 9.0])).tolist() == [[0.0, 0.0], [0.5, 0.0], [1.0, 0.5]]
 
 
 def test_resampled_points_are_equally_far_apart_and_keep_the_ends():

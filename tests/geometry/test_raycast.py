@@ -26,16 +26,15 @@ def all_pairs(x, y, heading, beams, segments, circles, num_beams):
     return np.where(hits <= beams.range_max, hits, np.inf)
 
 
-def cast(segments=(), circles=(), *, angles=(0.0, math.pi / 2, 4)):
+def cast(segments, *, angles=(0.0, math.pi / 2, 4)):
     """Cast rays from the origin; `angles`: first angle, increment, number of beams."""
     angle_min, increment, num_beams = angles
-    out, segments, circles = np.empty(num_beams), np.array(segments, float), np.array(circles, float)
-    cast_rays(0.0, 0.0, 0.0, Beams(angle_min, increment, 10.0), segments.reshape(-1, 4), circles.reshape(-1, 3), out)
+    out = np.empty(num_beams)
+    cast_rays(0.0, 0.0, 0.0, Beams(angle_min, increment, 10.0), np.array(segments, float), np.empty((0, 3)), out)
     return out
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize(("fov", "num_beams"), [(TURN, 360), (4.71, 720), (1.0, 33)])
+@pytest.mark.parametrize(("fov", "num_beams", "dtype"), [(TURN, 360, np.float32), (4.71, 720, float), (1.0, 33, float)])
 @pytest.mark.parametrize("name", ["turtlebot3_world", "aws_small_house", "aws_bookstore", "thicket"])
 def test_equals_testing_all_pairs(name, fov, num_beams, dtype):
     rng = np.random.default_rng(7)
@@ -53,19 +52,6 @@ def test_equals_testing_all_pairs(name, fov, num_beams, dtype):
         arguments = (*rng.uniform(bounds[:2], bounds[2:]), rng.uniform(-9, 9), beams, segments, circles)
         cast_rays(*arguments, out)
         np.testing.assert_allclose(out, all_pairs(*arguments, num_beams), rtol=0, atol=1e-6)
-
-
-def test_a_circle_is_seen_from_outside_and_from_inside():
-    np.testing.assert_allclose(cast(circles=[[3, 0, 1]]), [2, np.inf, np.inf, np.inf])
-    np.testing.assert_allclose(cast(circles=[[0.5, 0, 1]]), [1.5, math.sqrt(0.75), 0.5, math.sqrt(0.75)])
-
-
-def test_an_obstacle_behind_spans_the_first_and_the_last_beam():
-    wall = [[-1, -1, -1, 1]]
-    out = cast(wall, angles=(-math.pi, TURN / 8, 8))
-    np.testing.assert_allclose(out[[0, 1, 7]], [1, math.sqrt(2), math.sqrt(2)])
-    assert np.isinf(out[2:7]).all()
-    assert np.isinf(cast(wall, angles=(-2.0, 0.1, 41))).all()
 
 
 def test_a_sensor_on_a_wall_sees_it_at_no_distance():

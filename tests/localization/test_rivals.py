@@ -12,7 +12,7 @@ from lidarnaut.envs.localization.rivals import count_crossed
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.worlds import World, rasterize
-from tests.slam.rooms import scan
+from tests.slam.rooms import rectangle, scan
 
 LIDAR = LidarParams(180, 6.0)
 PARAMS = replace(PRESETS["default"], global_particles=20_000)
@@ -25,8 +25,14 @@ def walls_of(*corners, x=0.0, y=0.0):
     return np.hstack([points, np.roll(points, -1, axis=0)])
 
 
-def box(x0, y0, x1, y1):
-    return walls_of((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+def box(*bounds):
+    return rectangle(*bounds) + 0.025
+
+
+def started(pose, walls, seed=0, params=PARAMS):
+    amcl = Amcl(LIDAR, params)
+    amcl.reset(np.random.default_rng(seed), pose, map_of(walls), KNOWN)
+    return amcl
 
 
 def map_of(walls):
@@ -75,9 +81,7 @@ ALIKE = {
 @pytest.mark.parametrize("name", ALIKE)
 def test_what_looks_alike_stays_lost(name, seed):
     walls, *points = ALIKE[name]
-    amcl = Amcl(LIDAR, PARAMS)
-    amcl.reset(np.random.default_rng(seed), None, map_of(walls))
-    for belief, pose in drive(amcl, walls, straight(*points)):  # noqa: B007
+    for belief, pose in drive(started(None, walls, seed), walls, straight(*points)):  # noqa: B007
         assert belief.is_lost
     if name in ("four rooms", "rectangle", "square"):
         hypotheses = belief.hypotheses
@@ -91,8 +95,7 @@ def test_what_looks_alike_stays_lost(name, seed):
 @pytest.mark.parametrize("preset", ["nav2", "default"])
 def test_a_known_start_among_look_alikes_is_tracked(preset):
     walls, *points = ALIKE["four rooms"]
-    amcl = Amcl(LIDAR, PRESETS[preset])
-    amcl.reset(np.random.default_rng(0), Pose2D(*points[0], 0.0), map_of(walls), KNOWN)
+    amcl = started(Pose2D(*points[0], 0.0), walls, params=PRESETS[preset])
     for belief, pose in drive(amcl, walls, straight(*points)):
         assert not belief.is_lost
         assert off(belief, pose) < 0.4
@@ -101,8 +104,7 @@ def test_a_known_start_among_look_alikes_is_tracked(preset):
 
 def test_a_kidnapped_robot_among_look_alikes_is_lost():
     walls = ALIKE["four rooms"][0]
-    amcl = Amcl(LIDAR, PARAMS)
-    amcl.reset(np.random.default_rng(0), Pose2D(1.0, 1.0, 0.0), map_of(walls), KNOWN)
+    amcl = started(Pose2D(1.0, 1.0, 0.0), walls)
     list(drive(amcl, walls, straight((1.0, 1.0), (2.5, 1.0))))
     there = straight((7.0, 2.5), (6.0, 1.5), (8.5, 1.5), (7.5, 2.0), (6.5, 1.0), (7.5, 1.0))
     lost = [belief.is_lost for belief, _ in drive(amcl, walls, there)]
@@ -112,9 +114,7 @@ def test_a_kidnapped_robot_among_look_alikes_is_lost():
 def test_mirrored_rooms_are_told_apart():
     mirrored = (9.05, 0.0, 9.05, 0.0) + ROOM * (-1, 1, -1, 1)
     walls = np.vstack([ROOM, mirrored])
-    amcl = Amcl(LIDAR, PARAMS)
-    amcl.reset(np.random.default_rng(0), None, map_of(walls))
-    *_, (belief, pose) = drive(amcl, walls, straight((1.0, 1.0), (2.5, 1.0), (2.5, 2.0)))
+    *_, (belief, pose) = drive(started(None, walls), walls, straight((1.0, 1.0), (2.5, 1.0), (2.5, 2.0)))
     assert not belief.is_lost
     assert off(belief, pose) < 0.1
 
@@ -128,8 +128,7 @@ def test_a_piece_of_furniture_that_comes_into_view_decides(has_chest):
     before = straight((x + 4.5, 1.0), (x + 2.6, 1.0), (x + 4.5, 1.0), (x + 2.6, 1.0))
     after = straight((x + 2.6, 1.0), (x + 0.8, 1.0), (x + 0.8, 4.0))
     for seed in range(3):
-        amcl = Amcl(LIDAR, PARAMS)
-        amcl.reset(np.random.default_rng(seed), None, map_of(walls))
+        amcl = started(None, walls, seed)
         assert all(belief.is_lost for belief, _ in drive(amcl, walls, before))
         assert len(amcl.belief.hypotheses) == 2
         for belief, pose in drive(amcl, walls, after, before[-1]):
@@ -140,8 +139,7 @@ def test_a_piece_of_furniture_that_comes_into_view_decides(has_chest):
 
 def test_hypotheses_follow_odometry_between_scans_that_are_used():
     walls, *points = ALIKE["rectangle"]
-    amcl = Amcl(LIDAR, replace(PARAMS, lost_updates=5))
-    amcl.reset(np.random.default_rng(0), None, map_of(walls))
+    amcl = started(None, walls, params=replace(PARAMS, lost_updates=5))
     list(drive(amcl, walls, straight(*points)))
     before = amcl.belief.hypotheses
     assert len(before) == 2

@@ -5,47 +5,40 @@ import pytest
 from scipy.ndimage import binary_dilation
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import DwbParams, DwbPlanner
-from lidarnaut.envs.navigation.controllers.critics import (
-    BASE_OBSTACLE,
-    GOAL_DIST,
-    OSCILLATION,
-    PATH_ALIGN,
-    PATH_DIST,
-    ROTATE_TO_GOAL,
-    Ending,
-    Rasters,
-    RolloutParams,
-    judge,
-    roll_out,
-    spread,
-)
+from lidarnaut.envs.navigation.controllers import critics
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
+from tests.navigation.driving import NOTHING, PERIOD, drive, path_through
+from tests.rooms import BURGER, ORIGIN
 
-BURGER = load_robot("turtlebot3_burger")
-NOTHING = np.empty((0, 2))
 SIDE, RESOLUTION = 41, 0.05
 MIDDLE = SIDE // 2
-AWAY = Ending(False, 0.0, True)
+AWAY = critics.Ending(False, 0.0, True)
 NOBODY = np.empty((0, 5))
 
 
 def motion(v=0.0, w=0.0, acc=1e9):
-    return RolloutParams(v, w, acc, acc, 1.0, 0.005, 0.0025, 0.1, 0.25, 5.0)
+    return critics.RolloutParams(v, w, acc, acc, 1.0, 0.005, 0.0025, 0.1, 0.25, 5.0)
 
 
 STANDING = motion()
+STOPPED = Twist(0.0, 0.0)
+
+
+def planner_to(x, robot=BURGER, params=DwbParams(), **ending):  # noqa: B008
+    planner = DwbPlanner(robot, PERIOD, params)
+    planner.set_path(path_through([0.0, 0.0], [x, 0.0]), **ending)
+    return planner
 
 
 def test_trajectories_are_arcs_once_the_speed_is_reached():
     poses = np.empty((1000, 3))
-    num = roll_out(0.5, 1.0, motion(0.5, 1.0), poses)
+    num = critics.roll_out(0.5, 1.0, motion(0.5, 1.0), poses)
     x, y, theta = poses[num - 1]
     assert theta == pytest.approx(1.0)
     assert (x, y) == pytest.approx((0.5 * math.sin(1.0), 0.5 * (1.0 - math.cos(1.0))), abs=1e-4)
-    num = roll_out(0.4, 0.0, motion(acc=0.5), poses)
+    num = critics.roll_out(0.4, 0.0, motion(acc=0.5), poses)
     # 0.8 s to reach 0.4 m/s, then 0.2 s at this speed.
     assert poses[num - 1, 0] == pytest.approx(0.5 * 0.5 * 0.8**2 + 0.4 * 0.2, abs=4e-3)
 
@@ -53,8 +46,8 @@ def test_trajectories_are_arcs_once_the_speed_is_reached():
 def rasters(costs=None, path_row=MIDDLE, goal=(MIDDLE, SIDE - 1)):
     costs = np.zeros((SIDE, SIDE), dtype=np.uint8) if costs is None else costs
     to_path, to_goal = (np.empty((SIDE, SIDE), dtype=np.int32) for _ in range(2))
-    spread(costs, to_path, path_row * SIDE + np.arange(SIDE))
-    spread(costs, to_goal, np.array([goal[0] * SIDE + goal[1]]))
+    critics.spread(costs, to_path, path_row * SIDE + np.arange(SIDE))
+    critics.spread(costs, to_goal, np.array([goal[0] * SIDE + goal[1]]))
     return costs, to_path, to_goal
 
 
@@ -66,7 +59,7 @@ def scores_of(
     scores = np.empty((len(twists), 7))
     twists = np.array(twists, dtype=np.float64)
     steps = np.stack([to_path, to_goal, to_goal])
-    judge(twists, banned, now, ending, Rasters(costs, squared, steps, RESOLUTION), people, 0.2, scores)
+    critics.judge(twists, banned, now, ending, critics.Rasters(costs, squared, steps, RESOLUTION), people, 0.2, scores)
     return scores
 
 
@@ -92,11 +85,11 @@ def test_steps_spread_around_what_is_touched():
 
 def test_path_and_goal_critics_count_cells():
     scores = scores_of([(0.5, 0.0), (0.25, 0.0)], path_row=MIDDLE + 3, now=motion(0.5))
-    assert scores[0, PATH_DIST] == 3
-    assert scores[0, GOAL_DIST] == 10
-    assert scores[1, GOAL_DIST] > scores[0, GOAL_DIST]
+    assert scores[0, critics.PATH_DIST] == 3
+    assert scores[0, critics.GOAL_DIST] == 10
+    assert scores[1, critics.GOAL_DIST] > scores[0, critics.GOAL_DIST]
     # The point in front shows the direction of the coming turn.
-    left, right = scores_of([(0.0, 1.0), (0.0, -1.0)], path_row=MIDDLE + 3)[:, PATH_ALIGN]
+    left, right = scores_of([(0.0, 1.0), (0.0, -1.0)], path_row=MIDDLE + 3)[:, critics.PATH_ALIGN]
     assert left < right
 
 
@@ -105,7 +98,7 @@ def test_whoever_touches_something_is_out_of_the_question():
     costs[:, MIDDLE + 4 :] = 253
     costs[:, MIDDLE + 2 : MIDDLE + 4] = 120
     scores = scores_of([(0.1, 0.0), (0.15, 0.0), (0.3, 0.0)], costs=costs, now=motion(0.2), goal=(MIDDLE, MIDDLE))
-    assert scores[1, BASE_OBSTACLE] == 120
+    assert scores[1, critics.BASE_OBSTACLE] == 120
     assert np.isnan(scores[2]).all()
 
 
@@ -113,94 +106,64 @@ def test_a_robot_that_touches_something_may_leave_but_not_approach():
     squared = np.tile((np.arange(SIDE)[::-1] ** 2).astype(np.uint16), (SIDE, 1))
     costs = np.where(squared <= (MIDDLE + 1) ** 2, 253, 0).astype(np.uint8)
     scores = scores_of([(0.2, 0.0), (0.0, 0.5), (-0.2, 0.0)], costs=costs, squared=squared, goal=(MIDDLE, 0))
-    assert list(np.isnan(scores[:, BASE_OBSTACLE])) == [True, False, False]
+    assert list(np.isnan(scores[:, critics.BASE_OBSTACLE])) == [True, False, False]
 
 
 def test_who_would_meet_somebody_is_out_of_the_question():
     # A person crosses the path at x = 0.4 m: only the faster trajectory is there at this time.
     people = np.array([[0.4, -0.8, 0.0, 0.8, 0.1]])
     scores = scores_of([(0.4, 0.0), (0.05, 0.0)], people=people, now=motion(0.4))
-    assert list(np.isnan(scores[:, PATH_DIST])) == [True, False]
+    assert list(np.isnan(scores[:, critics.PATH_DIST])) == [True, False]
     assert not np.isnan(scores_of([(0.4, 0.0)], people=people * (1, 1, 0, 0, 1), now=motion(0.4))).any()
 
 
 def test_near_the_goal_the_robot_stops_and_then_turns():
-    ending = Ending(True, 1.0, True)
-    moving = scores_of([(0.5, 0.0), (0.3, 0.0), (0.0, 0.0)], now=motion(0.4, acc=1e9), ending=ending)[:, ROTATE_TO_GOAL]
+    ending = critics.Ending(True, 1.0, True)
+    moving = scores_of([(0.5, 0.0), (0.3, 0.0), (0.0, 0.0)], now=motion(0.4), ending=ending)[:, critics.ROTATE_TO_GOAL]
     assert math.isnan(moving[0])
     assert moving[1] == pytest.approx(5.0 * 0.3**2 + 1.0)
     assert moving[2] == pytest.approx(1.0)
-    standing = scores_of([(0.1, 0.0), (0.0, 0.8), (0.0, -0.8)], ending=ending)[:, ROTATE_TO_GOAL]
+    standing = scores_of([(0.1, 0.0), (0.0, 0.8), (0.0, -0.8)], ending=ending)[:, critics.ROTATE_TO_GOAL]
     assert math.isnan(standing[0])
     assert standing[1] == pytest.approx(0.2, abs=1e-6)
     assert standing[2] == pytest.approx(1.8, abs=1e-6)
 
 
-def test_banned_directions_are_out_of_the_question():
-    scores = scores_of([(0.1, 0.5), (0.1, -0.5)], banned=(False, False, True, False))
-    assert list(np.isnan(scores[:, OSCILLATION])) == [False, True]
+@pytest.mark.parametrize(("banned", "turn"), [((False, False, True, False), 0.5), ((False, False, False, True), -0.5)])
+def test_banned_directions_are_out_of_the_question(banned, turn):
+    scores = scores_of([(0.1, turn), (0.1, -turn)], banned=banned)
+    assert list(np.isnan(scores[:, critics.OSCILLATION])) == [False, True]
 
 
 def test_turning_back_is_banned_until_the_robot_has_got_away():
-    planner = DwbPlanner(BURGER, 0.1)
-    path = resample(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05)
-    planner.set_path(path)
-    left = planner.command(Pose2D(0.0, 0.0, -1.5), Twist(0.0, 0.0), NOTHING)
-    right = planner.command(Pose2D(0.0, 0.0, 1.5), Twist(0.0, 0.0), NOTHING)
-    assert left.w > 0.0 > right.w
-    assert planner.command(Pose2D(0.0, 0.0, 1.5 - 0.19), Twist(0.0, 0.0), NOTHING).w <= 0.0
-    assert planner.command(Pose2D(0.0, 0.0, -1.5), Twist(0.0, 0.0), NOTHING).w > 0.0
-
-
-def test_the_planner_swerves_around_what_sticks_out_into_its_path_and_ends_in_the_heading_asked_for():
-    planner = DwbPlanner(BURGER, 0.1)
-    planner.set_path(resample(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05), heading=-2.0)
-    box = np.array([[x, y] for x in np.linspace(1.0, 1.2, 9) for y in np.linspace(0.06, 0.2, 9)])
-    pose, twist, gap = Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), math.inf
-    for _ in range(400):
-        twist = planner.command(pose, twist, pose.inverse().transform(box))
-        pose = pose.compose(Pose2D(twist.v * 0.1, 0.0, twist.w * 0.1))
-        gap = min(gap, np.hypot(*(box - pose[:2]).T).min())
-    assert math.hypot(pose.x - 3.0, pose.y) < 0.25
-    assert abs(pose.theta + 2.0) < 0.1
-    assert gap > BURGER.radius
+    planner = planner_to(3.0)
+    turns = [planner.command(Pose2D(0.0, 0.0, theta), STOPPED, NOTHING).w for theta in (-1.5, 1.5, 1.5 - 0.19, -1.5)]
+    assert turns[0] > 0.0 > turns[1]
+    assert turns[2] <= 0.0 < turns[3]
 
 
 def test_parameters_limit_speeds_and_change_the_forecast():
-    robot, path = load_robot("tugbot"), resample(np.array([[0.0, 0.0], [8.0, 0.0]]), 0.05)
-    speeds = {}
-    for name, params in (
-        ("usual", DwbParams()),
-        ("slow", DwbParams(max_vel_x=0.3)),
-        ("gentle", DwbParams(acc_lim_x=0.1, vx_samples=40)),
-        ("large", DwbParams(width=10.0, sim_time=2.5)),
-    ):
-        planner = DwbPlanner(robot, 0.1, params)
-        planner.set_path(path)
-        speeds[name] = planner.command(Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), NOTHING).v
-        assert planner._side * params.resolution >= params.width
-    assert 0.0 < speeds.pop("gentle") <= 0.1 * 1.7
-    assert speeds == {"usual": 0.78, "slow": 0.3, "large": 0.78}
+    variants = {}, {"max_vel_x": 0.3}, {"width": 10.0, "sim_time": 2.5}, {"acc_lim_x": 0.1, "vx_samples": 40}
+    planners = [planner_to(8.0, load_robot("tugbot"), DwbParams(**params)) for params in variants]
+    *speeds, gentle = (planner.command(ORIGIN, STOPPED, NOTHING).v for planner in planners)
+    assert speeds == [0.78, 0.3, 0.78]
+    assert 0.0 < gentle <= 0.1 * 1.7
 
 
 def test_the_inflation_radius_is_that_of_nav2_and_at_least_the_footprint():
     box = np.array([[x, 0.62] for x in np.linspace(0.2, 1.5, 60)])
-    path = resample(np.array([[0.0, 0.0], [4.0, 0.0]]), 0.05)
-    costs = [DwbPlanner(BURGER, 0.1, DwbParams(inflation_radius=radius))._look(box)[0] for radius in (0.05, 0.3, 1.0)]
-    planner = DwbPlanner(BURGER, 0.1, DwbParams(inflation_radius=0.05))
-    planner.set_path(path)
-    assert planner.command(Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), box).v > 0.0
+    planners = [planner_to(4.0, params=DwbParams(inflation_radius=radius)) for radius in (0.05, 0.3, 1.0)]
+    costs = [planner._look(box)[0] for planner in planners]
+    assert planners[0].command(ORIGIN, STOPPED, box).v > 0.0
     assert [np.count_nonzero(each) for each in costs] == sorted(np.count_nonzero(each) for each in costs)
     assert (costs[0][costs[0] > 0] >= 253).all()
     assert not (costs[1][costs[1] > 0] >= 253).all()
 
 
 def test_turns_of_a_moving_robot_are_no_oscillation():
-    path = resample(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05)
     banned = []
     for threshold in (0.05, math.inf):
-        planner = DwbPlanner(BURGER, 0.1, DwbParams(x_only_threshold=threshold))
-        planner.set_path(path)
+        planner = planner_to(3.0, params=DwbParams(x_only_threshold=threshold))
         for y in (-0.1, 0.1):
             turn = planner.command(Pose2D(0.0, y, 0.0), Twist(0.2, 0.0), NOTHING)
             assert turn.v > 0.05
@@ -209,18 +172,11 @@ def test_turns_of_a_moving_robot_are_no_oscillation():
     assert banned == [[0.0, 0.0], [0.0, 1.0]]
 
 
-def test_the_robot_stops_within_the_smaller_tolerance_before_it_turns():
-    distances = []
-    for tolerance in (0.6, 0.1):
-        planner, twist = DwbPlanner(BURGER, 0.1, DwbParams(xy_goal_tolerance=0.3)), Twist(0.0, 0.0)
-        pose = Pose2D(0.0, 0.0, 0.0)
-        planner.set_path(resample(np.array([[0.0, 0.0], [1.0, 0.0]]), 0.05), heading=2.0, tolerance=tolerance)
-        while abs(pose.theta) < 0.5:
-            twist = planner.command(pose, twist, NOTHING)
-            pose = pose.compose(Pose2D(twist.v * 0.1, 0.0, twist.w * 0.1))
-        distances.append(1.0 - pose.x)
-    assert 0.1 < distances[0] <= 0.3
-    assert distances[1] <= 0.1
+@pytest.mark.parametrize(("tolerance", "least", "most"), [(0.6, 0.1, 0.3), (0.1, 0.0, 0.1)])
+def test_the_robot_stops_within_the_smaller_tolerance_before_it_turns(tolerance, least, most):
+    planner = planner_to(1.0, params=DwbParams(xy_goal_tolerance=0.3), heading=2.0, tolerance=tolerance)
+    turning = next(pose for pose in drive(planner, BURGER, ORIGIN, 200) if abs(pose.theta) > 0.5)
+    assert least < 1.0 - turning.x <= most
 
 
 @pytest.mark.parametrize("wrong", [{"sim_time": 0.0}, {"vx_samples": 0}, {"resolution": -0.05}, {"max_vel_x": "fast"}])

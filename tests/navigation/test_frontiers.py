@@ -42,16 +42,12 @@ def view(data, row, col, reach):
     return free, unknown, outward
 
 
-def test_all_is_in_view_where_nothing_is_known():
-    data = np.full((100, 100), -1, dtype=np.int8)
+def test_occupied_cells_end_a_ray_and_unknown_ones_do_not():
+    data = np.full((101, 101), -1, dtype=np.int8)
     free, unknown, _ = view(data, 50, 50, 40)
     assert (free == 40).all()
     assert unknown.sum() == pytest.approx(math.pi * 40**2, rel=0.03)
     np.testing.assert_allclose(view(data[:60, :60], 50, 50, 40)[1], unknown)
-
-
-def test_occupied_cells_end_a_ray_and_unknown_ones_do_not():
-    data = np.full((101, 101), -1, dtype=np.int8)
     data[:, 60] = 100
     data[50, 50] = 0
     free, unknown, outward = view(data, 50, 50, 40)

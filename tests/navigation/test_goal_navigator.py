@@ -11,16 +11,15 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import DwbParams, GoalNavigator, GoalParams, Navigator
 from lidarnaut.envs.navigation.controllers.reactive_driving import ReactiveDriver
 from lidarnaut.envs.navigation.goals.goal_navigator import LOCAL_PLANNERS
-from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from tests.baselines.maps import reading_of
-from tests.navigation.costs import cost_at
+from tests.navigation.driving import cost_at, moved
+from tests.rooms import BURGER, make_room
+from tests.rooms import ORIGIN as HERE
 
-BURGER = load_robot("turtlebot3_burger")
-HERE = Pose2D(0.0, 0.0, 0.0)
-TRUE = {"world": "turtlebot3_world", "physics": "kinematic", "localizer": "truth"}
+TRUE = {"physics": "kinematic", "localizer": "truth"}
 
 
 def hall():
@@ -32,15 +31,27 @@ def hall():
     return OccupancyGrid(data, 0.05, (-5.0, -2.0))
 
 
-def navigator_to(goal, **params):
-    navigator = GoalNavigator(GoalParams(**params))
+def navigator_to(goal, dwb=DwbParams(), **params):  # noqa: B008
+    navigator = GoalNavigator(GoalParams(**params), dwb=dwb)
     navigator.reset(BURGER, 0.1, np.random.default_rng(0))
     navigator.set_goal(goal)
     return navigator
 
 
-@pytest.mark.parametrize("planner", LOCAL_PLANNERS)
-@pytest.mark.parametrize("physics", ["bullet", "kinematic"])
+def drive(navigator, is_bumped=lambda k: False, is_held=lambda k: False):
+    """Follow commands exactly in the hall until the navigator ends; yield poses and commands."""
+    pose, twist = HERE, Twist(0.0, 0.0)
+    for k in range(400):
+        pose = moved(pose, (0.0, 1.0) if is_held(k) else twist)
+        twist = navigator.act(reading_of(time=0.1 * k, bumper=is_bumped(k)), Belief(pose, hall()))
+        yield pose, twist
+        if navigator.end_reason:
+            break
+
+
+@pytest.mark.parametrize(
+    ("planner", "physics"), [*((name, "kinematic") for name in LOCAL_PLANNERS), ("rpp", "bullet"), ("mppi", "bullet")]
+)
 def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
     if physics == "bullet":
         pytest.importorskip("pybullet")
@@ -49,8 +60,6 @@ def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
         result = run_episode(env, GoalNavigator(GoalParams(local_planner=planner)), seed)
         assert (result.end_reason, result.collisions) == ("reached", 0)
         assert result.path_length < 1.5 * result.history.of("geodesic_distance")[0] + 0.5
-    again = run_episode(env, GoalNavigator(GoalParams(local_planner=planner)), seed)
-    assert (again.duration, again.path_length) == (result.duration, result.path_length)
     env.close()
 
 
@@ -71,69 +80,65 @@ def test_a_local_planner_of_ones_own_needs_only_commands():
     assert len(navigator.plan) > 5
 
 
-def test_the_heading_asked_for_is_taken():
-    ends = {"start": (-2.0, -0.5, 0.0), "goal": (-1.5, -0.5, 2.5), "goal_tolerance": 0.05, "heading_tolerance": 0.01}
-    env = LidarEnv(Navigate, world="turtlebot3_world", physics="kinematic", localizer="truth", **ends)
-    env.reset(seed=0)
-    navigator = GoalNavigator()
-    navigator.reset(env.robot, env.control_period, np.random.default_rng(0))
-    navigator.set_goal(env.task.goal[:2], env.task.goal.theta)
-    for _ in range(300):
-        if navigator.end_reason:
-            break
-        env.step(to_action(navigator.act(env.reading, env.belief), env.robot))
+@pytest.mark.parametrize("planner", ["rpp", "dwb", "mppi"])
+def test_the_heading_of_the_goal_is_taken(planner):
+    navigator = navigator_to((2.0, 0.0), local_planner=planner)
+    navigator.set_tolerances(0.2, 0.4)
+    navigator.set_goal((2.0, 0.0, 2.5))
+    steps = list(drive(navigator))
+    pose = steps[-1][0]
     assert navigator.end_reason == "arrived"
-    assert abs(env.belief.pose.theta - 2.5) < 0.2
-    assert math.hypot(env.belief.pose.x + 1.5, env.belief.pose.y + 0.5) < 0.2
+    assert abs(pose.theta - 2.5) < 0.2
+    assert math.dist(pose[:2], (2.0, 0.0)) < 0.2
+    if planner == "dwb":
+        assert (navigator._planner._heading, navigator._planner._tolerance) == (2.5, 0.1)
+        # Its critic brakes first, and then turns on the spot.
+        turned = [twist for pose, twist in steps if math.dist(pose[:2], (2.0, 0.0)) < 0.1]
+        assert all(one.v == 0.0 for one in turned if abs(one.w) > 0.5)
 
 
-def test_a_corridor_hardly_wider_than_the_robot_is_passed_without_contact(tmp_path):
-    world = tmp_path / "corridor.yaml"
-    hall, half = [(0, -1), (-3, -1), (-3, 1), (0, 1)], 0.26
-    corners = [*hall, (0, half), (2, half), (2, 1), (4, 1), (4, -1), (2, -1), (2, -half), (0, -half), hall[0]]
-    rows = ", ".join(f"[{x}, {y}]" for x, y in corners)
-    world.write_text(f"source: test\nlicence: MIT\nspawns: [[-1, 0, 0]]\npolylines: [[{rows}]]\n")
-    ends = {"start": (-1.5, 0.3, 1.0), "goal": (3.0, 0.4, 0.0)}
-    env = LidarEnv(
-        Navigate, world=str(world), robot="turtlebot3_waffle_pi", physics="kinematic", localizer="truth", **ends
-    )
-    result = run_episode(env, GoalNavigator(), 0)
+def test_a_corridor_hardly_wider_than_the_robot_is_passed_without_contact():
+    sides = [[0, y, 2, y] for y in (-0.26, 0.26)]
+    doors = [[x, sign * 0.26, x, sign] for x in (0, 2) for sign in (-1, 1)]
+    ends = {"world": make_room(-3, -1, 4, 1, sides + doors), "start": (-1.5, 0.3, 1.0), "goal": (3.0, 0.4, 0.0)}
+    result = run_episode(LidarEnv(Navigate, **TRUE, **ends, robot="turtlebot3_waffle_pi"), GoalNavigator(), 0)
     assert (result.end_reason, result.collisions) == ("reached", 0)
-
-
-@pytest.mark.parametrize("goal", [(3.0, 0.0), (2.52, 0.0), (4.5, 0.0), (9.0, 0.0)])
-def test_goals_behind_walls_in_them_in_unknown_space_and_off_the_map_have_no_path(goal):
-    navigator = navigator_to(goal)
-    assert navigator.act(reading_of(), Belief(HERE, hall())) == (0.0, 0.0)
-    assert navigator.end_reason == "no_path"
 
 
 @pytest.mark.parametrize(("planner", "size"), [("rpp", 1.0), ("dwb", 0.2), ("mppi", 0.5)])
-def test_a_robot_that_starts_in_an_obstacle_of_the_map_drives_out_where_the_scan_is_free(size, planner):
-    x, y = -2.0, -0.5
-    first = LidarEnv(Navigate, **TRUE, start=(x, y, 0.0), goal=(-0.5, 0.5, 0.0))
+def test_a_robot_that_starts_in_an_obstacle_of_the_map_drives_out_where_the_scan_is_free(planner, size):
+    ends = {**TRUE, "world": "turtlebot3_world", "start": (-2.0, -0.5, 0.0), "goal": (-0.5, 0.5, 0.0)}
+    first = LidarEnv(Navigate, **ends)
     first.reset(seed=0)
     grid = first.belief.grid
-    centers = grid.centers(np.argwhere(np.ones_like(grid.data)))
-    grid.data[(np.abs(centers - (x, y)).max(axis=1) < 0.5 * size).reshape(grid.data.shape)] = 100
-    env = LidarEnv(Navigate, **TRUE, start=(x, y, 0.0), goal=(-0.5, 0.5, 0.0), map=grid)
-    result = run_episode(env, GoalNavigator(GoalParams(local_planner=planner)), 0)
+    corners = np.array([[-2.0 - 0.5 * size, -0.5 - 0.5 * size], [-2.0 + 0.5 * size, -0.5 + 0.5 * size]])
+    rows, cols = grid.cells(corners).T
+    grid.data[slice(*rows), slice(*cols)] = 100
+    result = run_episode(LidarEnv(Navigate, **ends, map=grid), GoalNavigator(GoalParams(local_planner=planner)), 0)
     assert (result.end_reason, result.collisions) == ("reached", 0)
 
 
-def test_what_blocks_a_path_is_logged(caplog):
-    grid, wall = hall(), reading_of(ranges=0.3)
-    for goal, text in (
+@pytest.mark.parametrize(
+    ("x", "cause"),
+    [
+        (3.0, "no gap between obstacles of the map is wide enough"),
         (2.52, "goal (2.52, 0.00) is in an obstacle of the map"),
-        (4.5, "in unknown space"),
-        (9.0, "off"),
-    ):
-        caplog.clear()
-        navigator_to((goal, 0.0)).act(reading_of(), Belief(HERE, grid))
-        assert text in caplog.text
+        (4.5, "goal (4.50, 0.00) is in unknown space"),
+        (9.0, "goal (9.00, 0.00) is off"),
+    ],
+)
+def test_what_blocks_a_path_is_logged(caplog, x, cause):
+    navigator = navigator_to((x, 0.0))
+    assert navigator.act(reading_of(), Belief(HERE, hall())) == (0.0, 0.0)
+    assert navigator.end_reason == "no_path"
+    assert cause in caplog.text
+
+
+def test_a_start_in_an_obstacle_is_logged(caplog):
+    grid = hall()
     grid.data[30:50, 90:110] = 100
     navigator = navigator_to((2.0, 0.0))
-    navigator.act(wall, Belief(HERE, grid))
+    navigator.act(reading_of(ranges=0.3), Belief(HERE, grid))
     assert navigator.end_reason == "no_path"
     assert "start (0.00, 0.00) is in an obstacle of the map" in caplog.text
     assert "goal" not in caplog.text.split("start")[1]
@@ -227,14 +232,9 @@ def test_a_bump_is_left_and_remembered_also_when_the_map_grows():
 
 @pytest.mark.parametrize("planner", ["rpp", "dwb", "mppi"])
 def test_a_robot_that_was_turned_in_contact_drives_on_once_it_is_free(planner):
-    navigator, pose, twist = navigator_to((2.0, 0.0), local_planner=planner), HERE, (0.0, 0.0)
-    for k in range(400):
-        is_held = k < 80  # and turned, with the bumper pressed in eight headings
-        moved = (0.0, 0.1) if is_held else (0.1 * twist[0], 0.1 * twist[1])
-        pose = pose.compose(Pose2D(moved[0], 0.0, moved[1]))
-        twist = navigator.act(reading_of(time=0.1 * k, bumper=is_held and k % 10 < 5), Belief(pose, hall()))
-        if navigator.end_reason:
-            break
+    """The robot is held for 8 s and turned, with the bumper pressed in eight headings."""
+    navigator = navigator_to((2.0, 0.0), local_planner=planner)
+    list(drive(navigator, is_bumped=lambda k: k < 80 and k % 10 < 5, is_held=lambda k: k < 80))
     assert navigator.end_reason == "arrived"
 
 
@@ -303,8 +303,8 @@ def test_scans_that_do_not_belong_to_the_map_end_lost():
     """On the map of another world AMCL reports that it is lost: the navigator has to fail without driving."""
     other = LidarEnv(Navigate, world="turtlebot3_stage_4", physics="kinematic")
     other.reset(seed=0)
-    ends = {"start": (-2.0, -0.5, 0.0), "goal": (2.0, 0.5, 0.0)}
-    env = LidarEnv(Navigate, world="turtlebot3_world", physics="kinematic", map=other.belief.grid, **ends)
+    ends = {"map": other.belief.grid, "start": (-2.0, -0.5, 0.0), "goal": (2.0, 0.5, 0.0)}
+    env = LidarEnv(Navigate, world="turtlebot3_world", physics="kinematic", **ends)
     assert run_episode(env, GoalNavigator(GoalParams(lost_time=5.0)), 0).end_reason == "lost"
 
 
@@ -325,51 +325,26 @@ def test_time_that_goes_backwards_is_refused():
         navigator.act(reading_of(time=0.4), Belief(HERE, grid))
 
 
-def test_reactive_driving_covers_ground_without_contact():
-    env = LidarEnv(Navigate, world="turtlebot3_world", physics="kinematic", localizer="truth", time_limit=120.0)
-    for seed in range(2):
-        env.reset(seed=seed, options={"goal": (-2.0, -0.5, 0.0)})
-        navigator, driver = Navigator(env.robot, 0.1), ReactiveDriver(env.robot, 0.1, np.random.default_rng(seed))
-        navigator.reset(env.reading)
-        positions = []
-        for _ in range(300):
-            _, _, _, _, info = env.step(to_action(driver.command(navigator.obstacles), env.robot))
-            navigator.sense(env.reading)
-            positions.append(env.belief.pose[:2])
-        assert info["collisions"] == 0
-        assert info["path_length"] > 2.0
-        assert np.ptp(positions, axis=0).max() > 1.0
-
-
-def test_dwb_gets_the_heading_of_the_goal_and_turns_by_its_own_critic():
-    navigator = navigator_to((2.0, 0.0), local_planner="dwb")
-    navigator.set_tolerances(0.2, 0.4)
-    navigator.set_goal((2.0, 0.0, 2.0))
-    pose, twist, turned = HERE, Twist(0.0, 0.0), []
-    for k in range(400):
-        twist = navigator.act(reading_of(time=0.1 * k), Belief(pose, hall()))
-        pose = pose.compose(Pose2D(0.1 * twist.v, 0.0, 0.1 * twist.w))
-        if math.dist(pose[:2], (2.0, 0.0)) < 0.1:
-            turned.append(twist)
-        if navigator.end_reason:
-            break
-    planner = navigator._planner
-    assert (planner._heading, planner._tolerance) == (2.0, 0.1)
-    assert navigator.end_reason == "arrived"
-    assert abs(pose.theta - 2.0) < 0.2
-    # The critic brakes first, and then turns on the spot.
-    assert all(one.v == 0.0 for one in turned if abs(one.w) > 0.5)
+@pytest.mark.parametrize("seed", range(2))
+def test_reactive_driving_covers_ground_without_contact(seed):
+    env = LidarEnv(Navigate, **TRUE, world="turtlebot3_world", time_limit=120.0)
+    env.reset(seed=seed, options={"goal": (-2.0, -0.5, 0.0)})
+    navigator, driver = Navigator(env.robot, 0.1), ReactiveDriver(env.robot, 0.1, np.random.default_rng(seed))
+    navigator.reset(env.reading)
+    positions = []
+    for _ in range(300):
+        _, _, _, _, info = env.step(to_action(driver.command(navigator.obstacles), env.robot))
+        navigator.sense(env.reading)
+        positions.append(env.belief.pose[:2])
+    assert info["collisions"] == 0
+    assert info["path_length"] > 2.0
+    assert np.ptp(positions, axis=0).max() > 1.0
 
 
 def test_parameters_of_dwb_are_those_of_dwb_only():
-    navigator = GoalNavigator(GoalParams(local_planner="dwb"), dwb=DwbParams(max_vel_x=0.1))
-    navigator.reset(BURGER, 0.1, np.random.default_rng(0))
-    navigator.set_goal((2.0, 0.0))
-    assert 0.05 < navigator.act(reading_of(), Belief(HERE, hall())).v <= 0.1
-    commands = []
-    for max_vel_x in (0.1, math.inf):
-        navigator = GoalNavigator(GoalParams(local_planner="mppi"), dwb=DwbParams(max_vel_x=max_vel_x))
-        navigator.reset(BURGER, 0.1, np.random.default_rng(0))
-        navigator.set_goal((2.0, 0.0))
-        commands.append(navigator.act(reading_of(), Belief(HERE, hall())))
-    assert commands[0] == commands[1] != (0.0, 0.0)
+    def first_command(planner, max_vel_x):
+        navigator = navigator_to((2.0, 0.0), DwbParams(max_vel_x=max_vel_x), local_planner=planner)
+        return navigator.act(reading_of(), Belief(HERE, hall()))
+
+    assert 0.05 < first_command("dwb", 0.1).v <= 0.1
+    assert first_command("mppi", 0.1) == first_command("mppi", math.inf) != (0.0, 0.0)

@@ -4,25 +4,23 @@ import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
-from lidarnaut.envs.geometry.lines import lengths_along, resample
-from lidarnaut.envs.navigation.controllers.mppi import (
-    COLLISION_COST,
-    HEADING_RADIUS,
-    MppiParams,
-    MppiPlanner,
-    mppi_numbers,
-    rate,
-)
+from lidarnaut.envs.geometry.lines import lengths_along
+from lidarnaut.envs.navigation.controllers import mppi
+from lidarnaut.envs.navigation.controllers.mppi import MppiParams, MppiPlanner
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
+from tests.navigation.driving import NOTHING, PERIOD, drive, path_through
+from tests.rooms import ORIGIN
 
 JACKAL = load_robot("jackal")
-PERIOD = 0.1
-NOTHING, NO_TRACKS = np.empty((0, 2)), np.empty((0, 5))
+STRAIGHT = path_through([0.0, 0.0], [8.0, 0.0])
 
 
-def planner_of(robot=JACKAL, seed=0, **params):
-    return MppiPlanner(robot, PERIOD, np.random.default_rng(seed), MppiParams(**params))
+def planner_of(seed=0, **params):
+    """Planner with a path of 8 m straight ahead."""
+    planner = MppiPlanner(JACKAL, PERIOD, np.random.default_rng(seed), MppiParams(**params))
+    planner.set_path(STRAIGHT)
+    return planner
 
 
 def reference_cost(controls, mean, now, path, points, tracks, p):
@@ -56,17 +54,17 @@ def reference_cost(controls, mean, now, path, points, tracks, p):
         left += lengths_along(path)[-1] - lengths_along(path)[nearest] + gaps[nearest]
     cost += (p.follow * left / p.max_v + p.align * away + p.twirl * turned) / len(controls)
     to_path = path[min(nearest + 10, len(path) - 1)] - (x, y)
-    if math.hypot(*to_path) > HEADING_RADIUS:
+    if math.hypot(*to_path) > mppi.HEADING_RADIUS:
         cost += p.angle * abs(wrap_angle(math.atan2(to_path[1], to_path[0]) - theta))
     return cost
 
 
 def test_sequences_cost_what_the_reference_says():
     rng = np.random.default_rng(3)
-    p, num_steps = mppi_numbers(JACKAL, PERIOD, MppiParams()), 20
+    p, num_steps = mppi.mppi_numbers(JACKAL, PERIOD, MppiParams()), 20
     controls = rng.uniform((0.0, -2.0), (1.5, 2.0), (40, num_steps, 2))
     mean = rng.uniform((0.0, -1.0), (1.0, 1.0), (num_steps, 2))
-    path = resample(np.array([[0.0, 0.0], [1.0, 0.2], [1.6, 0.8]]), 0.05)
+    path = path_through([0.0, 0.0], [1.0, 0.2], [1.6, 0.8])
     cells = np.array([[140, 65], [165, 125]])
     is_occupied = np.zeros((181, 181), dtype=bool)
     is_occupied[cells[:, 1], cells[:, 0]] = True
@@ -75,92 +73,67 @@ def test_sequences_cost_what_the_reference_says():
     costs = np.empty(len(controls))
     squared = squared_distances(is_occupied, 30)
     now = (0.4, 0.3)
-    rate(controls, mean, now, path, lengths_along(path), squared, tracks, p, costs)
+    mppi.rate(controls, mean, now, path, lengths_along(path), squared, tracks, p, costs)
     expected = [reference_cost(one, mean, now, path, points, tracks, p) for one in controls]
     touches = np.isinf(expected)
     assert 0 < touches.sum() < len(controls)
     # The diagonal of a cell may decide whether a sequence has a contact.
-    agree = touches == (costs >= COLLISION_COST)
+    agree = touches == (costs >= mppi.COLLISION_COST)
     assert agree.mean() >= 0.9
     free = agree & ~touches
     np.testing.assert_allclose(costs[free], np.array(expected)[free], rtol=0.02, atol=0.1)
 
 
-def drive(planner, robot, path, num_steps, people=(), walls=NOTHING):
-    """Follow a path; return the poses and the minimum gap to people.
-
-    `people`: rows of `tracks` in the map frame.
-    """
-    planner.set_path(path)
-    pose, v, w, gap, poses = Pose2D(*path[0], 0.0), 0.0, 0.0, math.inf, []
-    people = np.array(people, dtype=np.float64).reshape(-1, 5)
-    for _ in range(num_steps):
-        turned = Pose2D(0.0, 0.0, -pose.theta)
-        planner.tracks = np.column_stack(
-            [pose.inverse().transform(people[:, :2]), turned.transform(people[:, 2:4]), people[:, 4]]
-        )
-        command = planner.command(pose, Twist(v, w), pose.inverse().transform(walls) if len(walls) else walls)
-        v += float(np.clip(command.v - v, -robot.max_acc_v * PERIOD, robot.max_acc_v * PERIOD))
-        w += float(np.clip(command.w - w, -robot.max_acc_w * PERIOD, robot.max_acc_w * PERIOD))
-        pose = pose.compose(Pose2D(v * PERIOD, 0.0, w * PERIOD))
-        people[:, :2] += PERIOD * people[:, 2:4]
-        if len(people):
-            gap = min(gap, float((np.hypot(*(people[:, :2] - pose[:2]).T) - people[:, 4]).min()) - robot.radius)
-        poses.append(pose)
-    return poses, gap
-
-
-STRAIGHT = resample(np.array([[0.0, 0.0], [8.0, 0.0]]), 0.05)
+def disc(x):
+    """Return points on a disc ahead of the robot, like the scan of a person."""
+    angles = np.linspace(0.0, 2.0 * math.pi, 60)
+    return np.array([x, 0.0]) + 0.3 * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def test_people_are_passed_where_they_will_not_be():
     # A person crosses on a collision course with the robot at x = 4 m.
-    crossing = [(4.0, -2.6, 0.0, 1.3, 0.3)]
-    poses, gap = drive(planner_of(), JACKAL, STRAIGHT, 80, crossing)
-    assert gap > 0.05
-    assert math.hypot(poses[-1].x - 8.0, poses[-1].y) < 0.3
-    blind = planner_of(people=0.0, people_touched=0.0)
-    assert drive(blind, JACKAL, STRAIGHT, 80, crossing)[1] < 0.0
+    start, velocity, radius = (4.0, -2.6), (0.0, 1.3), 0.3
+    gaps = []
+    for params in ({}, {"people": 0.0, "people_touched": 0.0}):
+        poses = np.array(drive(planner_of(**params), JACKAL, ORIGIN, 80, people=[(*start, *velocity, radius)]))
+        person = start + PERIOD * np.arange(81)[:, None] * velocity
+        gaps.append(np.hypot(*(person - poses[:, :2]).T).min() - radius - JACKAL.radius)
+        assert gaps[0] < 0.0 or math.dist(poses[-1, :2], (8.0, 0.0)) < 0.3
+    assert gaps[1] < 0.0 < 0.05 < gaps[0]
 
 
 def test_the_points_of_people_are_no_walls():
-    angles = np.linspace(0.0, 2.0 * math.pi, 30)
-    body = np.array([2.0, 0.0]) + 0.3 * np.column_stack([np.cos(angles), np.sin(angles)])
-    leaving = np.array([[2.0, 0.0, 1.5, 0.0, 0.3]])
-    speeds = []
-    for tracks in (NO_TRACKS, leaving):
-        planner = planner_of()
-        planner.set_path(STRAIGHT)
-        for _ in range(5):
-            planner.tracks = tracks
-            twist = planner.command(Pose2D(0.0, 0.0, 0.0), Twist(1.0, 0.0), body)
-        speeds.append(twist.v)
-    assert speeds[1] > speeds[0] + 0.05
+    def mean_speed(tracks):
+        speeds = []
+        for seed in range(4):
+            planner = planner_of(seed)
+            for _ in range(5):
+                planner.tracks = tracks
+                twist = planner.command(ORIGIN, Twist(0.5, 0.0), disc(1.5))
+            speeds.append(twist.v)
+        return np.mean(speeds)
+
+    assert mean_speed(np.array([[1.5, 0.0, 1.5, 0.0, 0.3]])) > mean_speed(np.empty((0, 5))) + 0.1
 
 
 def test_the_robot_can_stop_short_of_what_the_scan_shows_whatever_is_predicted():
-    angles, gap, params = np.linspace(0.0, 2.0 * math.pi, 60), 0.4, MppiParams()
+    gap, planner = 0.4, planner_of()
     x = JACKAL.radius + gap + 0.3
-    body = np.array([x, 0.0]) + 0.3 * np.column_stack([np.cos(angles), np.sin(angles)])
-    planner = planner_of()
-    planner.set_path(STRAIGHT)
     planner.tracks = np.array([[x, 0.0, 4.0, 0.0, 0.3]])
-    v, w = planner.command(Pose2D(0.0, 0.0, 0.0), Twist(2.0, 0.0), body)
-    stopping = v * PERIOD + 0.5 * v * v / (params.braking * JACKAL.max_acc_v)
+    v, w = planner.command(ORIGIN, Twist(2.0, 0.0), disc(x))
+    stopping = v * PERIOD + 0.5 * v * v / (MppiParams().braking * JACKAL.max_acc_v)
     assert 0.5 * gap < stopping < gap + 0.03
     assert abs(w) < 1.0
-    planner.tracks = NO_TRACKS
-    assert planner.command(Pose2D(0.0, 0.0, 0.0), Twist(2.0, 0.0), NOTHING).v > v + 0.2
+    planner.tracks = np.empty((0, 5))
+    assert planner.command(ORIGIN, Twist(2.0, 0.0), NOTHING).v > v + 0.2
 
 
 def test_the_same_generator_gives_the_same_commands_and_blocked_says_that_nothing_is_free():
-    twists = []
-    for _ in range(2):
-        planner = planner_of(seed=5)
-        planner.set_path(STRAIGHT)
-        twists.append(planner.command(Pose2D(0.0, 0.1, 0.2), Twist(0.5, 0.0), NOTHING))
-        assert not planner.blocked
-    assert twists[0] == twists[1]
+    planners = planner_of(seed=5), planner_of(seed=5)
+    first, second = (planner.command(Pose2D(0.0, 0.1, 0.2), Twist(0.5, 0.0), NOTHING) for planner in planners)
+    assert first == second
+    planner = planners[0]
+    assert not planner.blocked
     wall = np.column_stack([np.full(201, JACKAL.radius + 0.03), np.linspace(-1.0, 1.0, 201)])
-    assert planner.command(Pose2D(0.0, 0.0, 0.0), Twist(2.0, 0.0), wall) == (0.0, 0.0)
+    assert planner.command(ORIGIN, Twist(2.0, 0.0), wall) == (0.0, 0.0)
     assert planner.blocked

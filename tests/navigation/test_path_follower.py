@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import DwbPlanner, MppiPlanner, PathFollower
 from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
 from lidarnaut.envs.simulation import Twist
+from tests.navigation.driving import PERIOD, drive, path_through
+from tests.rooms import ORIGIN
 
 PLANNERS = {
     "rpp": PathFollower,
@@ -16,53 +17,23 @@ PLANNERS = {
 }
 CASES = [
     *((name, "rpp") for name in ROBOT_NAMES),
-    ("turtlebot3_waffle_pi", "dwb"),
-    ("tugbot", "dwb"),
-    ("mpo_500", "dwb"),
-    ("turtlebot3_burger", "mppi"),
-    ("tugbot", "mppi"),
-    ("mpo_500", "mppi"),
+    *((name, "dwb") for name in ("turtlebot3_waffle_pi", "tugbot", "mpo_500")),
+    *((name, "mppi") for name in ("turtlebot3_burger", "tugbot", "mpo_500")),
 ]
 """All robots with the fast planner; three robots of different speeds and accelerations with the slow planners."""
 STRAYS = {"rpp": 0.25, "dwb": 0.6, "mppi": 0.6}
 """Maximum deviation of each planner from a path with sharp corners [m]; DWB cuts corners in free space."""
 STOPS = {"rpp": 0.15, "dwb": 0.2, "mppi": 0.4}
 """Maximum stopping distance of each planner before a wall [m]; DWB rounds to cells."""
-NOTHING = np.empty((0, 2))
-PERIOD = 0.1
-
-
-def drive(follower, robot, pose, num_steps, *, walls=NOTHING, jitter=0.0, seed=0):
-    """Simulate a unicycle with the robot's acceleration limits; return the poses, including the final one."""
-    rng = np.random.default_rng(seed)
-    v = w = 0.0
-    poses = [pose]
-    for _ in range(num_steps):
-        estimated = Pose2D(
-            pose.x + jitter * rng.normal(), pose.y + jitter * rng.normal(), pose.theta + jitter * rng.normal()
-        )
-        obstacles = pose.inverse().transform(walls) if len(walls) else walls
-        ranges = np.hypot(obstacles[:, 0], obstacles[:, 1])
-        obstacles = obstacles * (1.0 + rng.normal(0.0, robot.lidar.noise_std, len(obstacles)) / ranges)[:, None]
-        command = follower.command(estimated, Twist(v, w), obstacles)
-        assert abs(command.v) <= robot.max_v + 1e-9
-        assert abs(command.w) <= robot.max_w + 1e-9
-        v += float(np.clip(command.v - v, -robot.max_acc_v * PERIOD, robot.max_acc_v * PERIOD))
-        w += float(np.clip(command.w - w, -robot.max_acc_w * PERIOD, robot.max_acc_w * PERIOD))
-        half = 0.5 * w * PERIOD
-        pose = pose.compose(Pose2D(v * PERIOD * math.cos(half), v * PERIOD * math.sin(half), 2 * half))
-        poses.append(pose)
-    return poses
 
 
 @pytest.mark.parametrize(("name", "planner"), CASES)
 def test_every_robot_stays_on_a_winding_path(name, planner):
     robot = load_robot(name)
-    corners = np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 1.5], [0.5, 2.5], [0.5, 4.0], [2.5, 4.0]])
-    path = resample(corners, 0.05)
+    path = path_through([0.0, 0.0], [1.5, 0.0], [1.5, 1.5], [0.5, 2.5], [0.5, 4.0], [2.5, 4.0])
     follower = PLANNERS[planner](robot, PERIOD)
     follower.set_path(path)
-    length = np.hypot(*np.diff(corners, axis=0).T).sum()
+    length = np.hypot(*np.diff(path, axis=0).T).sum()
     # The robot starts with its back to the path; twice the time at full speed is enough for five corners.
     num_steps = round((2.0 * length / robot.max_v + 12.0) / PERIOD)
     poses = drive(follower, robot, Pose2D(0.0, 0.0, math.pi), num_steps, jitter=0.01)
@@ -75,9 +46,9 @@ def test_every_robot_stays_on_a_winding_path(name, planner):
 def test_every_robot_stops_before_a_wall_and_says_that_it_is_blocked(name, planner):
     robot = load_robot(name)
     follower = PLANNERS[planner](robot, PERIOD)
-    follower.set_path(resample(np.array([[0.0, 0.0], [6.0, 0.0]]), 0.05))
+    follower.set_path(path_through([0.0, 0.0], [6.0, 0.0]))
     wall = np.column_stack([np.full(3001, 3.0), np.linspace(-3.0, 3.0, 3001)])
-    poses = drive(follower, robot, Pose2D(0.0, 0.0, 0.0), round((10.0 / robot.max_v + 5.0) / PERIOD), walls=wall)
+    poses = drive(follower, robot, ORIGIN, round((10.0 / robot.max_v + 5.0) / PERIOD), walls=wall)
     gap = min(np.hypot(*(wall - pose[:2]).T).min() for pose in poses) - robot.radius
     assert 0.0 < gap < STOPS[planner]
     assert math.hypot(poses[-1].x - poses[-30].x, poses[-1].y - poses[-30].y) < (0.05 if planner != "mppi" else 0.2)
@@ -88,9 +59,9 @@ def test_every_robot_stops_before_a_wall_and_says_that_it_is_blocked(name, plann
 def test_it_does_not_cut_a_corner_with_an_obstacle_in_it(planner):
     robot = load_robot("tugbot")
     follower = PLANNERS[planner](robot, PERIOD)
-    follower.set_path(resample(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]), 0.05))
+    follower.set_path(path_through([0.0, 0.0], [2.0, 0.0], [2.0, 2.0]))
     post = np.array([[1.5, 0.5]])
-    poses = drive(follower, robot, Pose2D(0.0, 0.0, 0.0), 150, walls=post)
+    poses = drive(follower, robot, ORIGIN, 150, walls=post)
     assert min(np.hypot(*(post - pose[:2]).T).min() for pose in poses) > robot.radius
     assert math.hypot(poses[-1].x - 2.0, poses[-1].y - 2.0) < 0.15
 
@@ -98,11 +69,11 @@ def test_it_does_not_cut_a_corner_with_an_obstacle_in_it(planner):
 def test_walls_beside_the_path_do_not_slow_down_and_what_lies_on_it_does():
     robot = load_robot("turtlebot3_burger")
     follower = PathFollower(robot, PERIOD)
-    follower.set_path(resample(np.array([[0.0, 0.0], [4.0, 0.0]]), 0.05))
+    follower.set_path(path_through([0.0, 0.0], [4.0, 0.0]))
     x = np.arange(-1.0, 5.0, 0.02)
     walls = np.concatenate([np.column_stack([x, np.full_like(x, side)]) for side in (-0.25, 0.25)])
     poses = drive(follower, robot, Pose2D(0.0, 0.05, 0.0), 180, walls=walls)
     speeds = np.hypot(*np.diff([pose[:2] for pose in poses], axis=0).T) / PERIOD
     assert speeds[20:160].min() > 0.95 * robot.max_v
-    follower.set_path(resample(np.array([[0.0, 0.0], [4.0, 0.0]]), 0.05))
+    follower.set_path(path_through([0.0, 0.0], [4.0, 0.0]))
     assert follower.command(Pose2D(1.8, 0.0, 0.0), Twist(0.2, 0.0), np.array([[0.2, 0.0]])).v < 0.6 * robot.max_v

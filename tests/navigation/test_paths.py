@@ -7,20 +7,13 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from lidarnaut.envs import navigation
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.lines import resample
-from lidarnaut.envs.navigation import (
-    Costmap,
-    CostmapParams,
-    is_path_valid,
-    make_costmap,
-    plan_path,
-    smooth_path,
-    travel_field,
-)
+from lidarnaut.envs.navigation import CostmapParams, is_path_valid, make_costmap, plan_path
 from lidarnaut.envs.navigation.search.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
 from lidarnaut.envs.navigation.search.paths import exits
-from tests.navigation.costs import cost_at
+from tests.navigation.driving import cost_at
 
 PARAMS = CostmapParams(robot_radius=0.2, inflation_radius=0.6)
 
@@ -139,9 +132,8 @@ def test_a_robot_touching_a_wall_in_its_belief_still_gets_away():
 
 
 def test_a_robot_walled_in_has_no_paths():
-    costs = np.full((9, 9), 254, dtype=np.uint8)
     grid = OccupancyGrid(np.full((9, 9), 100, dtype=np.int8), 0.05, (0.0, 0.0))
-    assert travel_field(Costmap(costs, grid, CostmapParams(0.1, 0.1)), (0.2, 0.2)) is None
+    assert navigation.travel_field(make_costmap(grid, CostmapParams(0.1, 0.1)), (0.2, 0.2)) is None
 
 
 def test_a_weight_beyond_the_queue_is_refused():
@@ -195,16 +187,16 @@ def turning(path):
 
 def test_smoothing_rounds_corners_and_touches_nothing():
     path = plan_path(COSTMAP, (1.0, 0.5), (3.0, 0.5))
-    smooth = smooth_path(COSTMAP, path)
+    smooth = navigation.smooth_path(COSTMAP, path)
     np.testing.assert_allclose(smooth[[0, -1]], path[[0, -1]])
     assert turning(smooth) < 0.7 * turning(path)
     assert is_path_valid(COSTMAP, smooth)
     assert np.hypot(*np.diff(smooth, axis=0).T).max() <= 0.05 + 1e-9
     corner = resample(np.array([[1.7, 1.0], [1.7, 2.3], [2.4, 2.3], [2.4, 1.0]]), 0.05)
-    assert is_path_valid(COSTMAP, smooth_path(COSTMAP, corner))
-    assert len(smooth_path(COSTMAP, path[:1])) == 1
+    assert is_path_valid(COSTMAP, navigation.smooth_path(COSTMAP, corner))
+    assert len(navigation.smooth_path(COSTMAP, path[:1])) == 1
     line = resample(np.array([[0.5, 2.5], [4.5, 2.5]]), 0.05)
-    np.testing.assert_allclose(smooth_path(COSTMAP, line), line, atol=1e-9)
+    np.testing.assert_allclose(navigation.smooth_path(COSTMAP, line), line, atol=1e-9)
 
 
 def test_exits_lead_out_of_obstacles_of_the_map_where_the_scan_is_free():

@@ -12,16 +12,11 @@ from scipy import ndimage
 
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.navigation import PlanningMap, PlanningParams, frontier_mask, make_costmap
-from lidarnaut.envs.navigation.frontiers.frontiers import (
-    TILE,
-    frontier_groups,
-    frontier_in_sight,
-    frontier_near,
-    is_visible,
-)
+from lidarnaut.envs.navigation.frontiers import frontiers
+from lidarnaut.envs.navigation.frontiers.frontiers import TILE
 from lidarnaut.envs.navigation.maps.planning_kernels import mark
 from lidarnaut.envs.robots import LidarParams, load_robot
-from tests.navigation.costs import cost_at
+from tests.navigation.driving import cost_at
 
 BURGER, MOUSE = load_robot("turtlebot3_burger"), load_robot("raspimouse")
 
@@ -122,7 +117,7 @@ def test_groups_are_those_of_touching_cells_and_leave_the_frontier_as_it_was():
     for row, col in np.argwhere(frontier):
         counts[row // TILE, col // TILE] += 1
     before = frontier.copy()
-    cells, starts = frontier_groups(frontier, counts)
+    cells, starts = frontiers.frontier_groups(frontier, counts)
     np.testing.assert_array_equal(frontier, before)
     assert sorted(map(tuple, cells.tolist())) == sorted(map(tuple, np.argwhere(before).tolist()))
     labels, count = ndimage.label(before, np.ones((3, 3)))
@@ -135,16 +130,16 @@ def test_in_sight_is_what_lies_in_view_and_before_any_wall():
     rng = np.random.default_rng(1)
     joined = rng.choice(np.array([-1, 0, 100], dtype=np.int8), (60, 60), p=[0.2, 0.75, 0.05])
     frontier = frontier_mask(OccupancyGrid(joined, 0.1, (0.0, 0.0)))
-    near = frontier_near(frontier, 30, 25, 12)
+    near = frontiers.frontier_near(frontier, 30, 25, 12)
     assert {tuple(cell) for cell in near.tolist()} == {
         (r, c) for r, c in np.argwhere(frontier).tolist() if (r - 30) ** 2 + (c - 25) ** 2 <= 144
     }
-    found = frontier_in_sight(joined, frontier, (30.4, 25.6), (0.3, 0.8), 12)
+    found = frontiers.frontier_in_sight(joined, frontier, (30.4, 25.6), (0.3, 0.8), 12)
     slow = [
         (r, c)
         for r, c in near.tolist()
         if abs(math.remainder(math.atan2(r + 0.5 - 30.4, c + 0.5 - 25.6) - 0.3, 2.0 * math.pi)) <= 0.8
-        and is_visible(joined, 30, 25, r, c)
+        and frontiers.is_visible(joined, 30, 25, r, c)
     ]
     assert 0 < len(slow) < len(near)
     assert [tuple(cell) for cell in found.tolist()] == slow

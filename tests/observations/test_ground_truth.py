@@ -23,9 +23,9 @@ from lidarnaut.envs.simulation.crowd import person_row as person_at
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.vector import LidarEnvs, make_vec
-from lidarnaut.envs.worlds import World
 from tests import own_code
 from tests.rollouts import step_both
+from tests.rooms import make_room
 
 SMALL = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "control_hz": 5.0}
 REACH = {**SMALL, "slam": "hector", "contact": "costs"}
@@ -238,9 +238,7 @@ def drive_to(env, name, goal, steps):
 
 @pytest.fixture(scope="module")
 def open_floor():
-    corners = np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0)])
-    walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
-    world = World("floor", walls, np.empty((0, 3)), (Pose2D(2.0, 2.0, 0.0),), (0.0, 0.0, 20.0, 20.0))
+    world = make_room(0.0, 0.0, 20.0, 20.0, spawn=Pose2D(2.0, 2.0, 0.0))
     arguments = {"world": world, "robot": "jackal", "physics": "kinematic", "slam": "truth", "start": "spawn"}
     env = gymnasium.make("lidarnaut/ReachGoal-v0", **arguments, goal_given="bearing", observations=["goal", "carrot"])
     yield env

@@ -3,8 +3,7 @@ import importlib.util
 import pytest
 
 BULLET = pytest.param(
-    "bullet",
-    marks=pytest.mark.skipif(importlib.util.find_spec("pybullet") is None, reason="PyBullet is not installed"),
+    "bullet", marks=pytest.mark.skipif(importlib.util.find_spec("pybullet") is None, reason="PyBullet is not installed")
 )
 
 

@@ -7,9 +7,8 @@ from lidarnaut.envs.simulation import Twist, make_simulator
 from tests.rooms import BURGER, ORIGIN, begin, square_room
 
 NEAR_WALL = Pose2D(1.2, 0.0, 0.1)
-WORLD = square_room(
-    5.0, [[2, -1, 2, 1], [2, 2, 3, 3], [2, -2, 2.3, -2.05]], circles=[[2.0, 3.5, 0.3], [0.0, -3.0, 0.1]]
-)
+WALLS = [[2, -1, 2, 1], [2, 2, 3, 3], [2, -2, 2.3, -2.05]]
+WORLD = square_room(5.0, WALLS, circles=[[2.0, 3.5, 0.3], [0.0, -3.0, 0.1]])
 
 
 def record(simulator, seed, steps=60, world=WORLD, pose=NEAR_WALL):

@@ -17,17 +17,14 @@ WORLD = make_room(-2.0, -3.0, 4.0, 5.0)
 LIDAR = LidarParams(num_beams=4, range_max=10.0)
 
 
-def read(
-    lidar=LIDAR, imu=None, *, pose=ORIGIN, angles=(0.0, 0.0), yaw_rate=0.0, bumper=False, seed=0, circles=(), magnets=()
-):
+def read(lidar=LIDAR, imu=None, *, pose=ORIGIN, yaw_rate=0.0, seed=0, magnets=()):
     robot = replace(BURGER, lidar=lidar, imu=imu or ImuParams())
     rows = Rows(robot, 0.1, 1)
     row = rows.numbers[0]
-    row[[at.X, at.Y, at.THETA, at.LEFT_ANGLE, at.RIGHT_ANGLE, at.MEAN_W]] = *pose, *angles, yaw_rate
+    row[[at.X, at.Y, at.THETA, at.MEAN_W]] = *pose, yaw_rate
     rows.draw([np.random.default_rng(seed)])
-    row[at.TOUCHED], row[at.TIME] = bumper, 1.5
-    around = np.array(circles).reshape(-1, 3), np.array(magnets).reshape(-1, 4)
-    sense(rows.numbers, rows.draws, rows.ranges, WORLD.segments, *around)
+    magnets = np.array(magnets).reshape(-1, 4)
+    sense(rows.numbers, rows.draws, rows.ranges, WORLD.segments, np.empty((0, 3)), magnets)
     return rows.reading(0)
 
 
@@ -90,13 +87,6 @@ def test_disturbing_equals_the_plain_formula():
     np.testing.assert_array_equal(ranges, expected)
 
 
-def test_encoders_count_whole_ticks():
-    tick = 2 * math.pi / 4096
-    assert read(angles=(0.0, 0.0)).ticks == (0, 0)
-    assert read(angles=(2.9 * tick, 3.1 * tick)).ticks == (2, 3)
-    assert read(angles=(-0.1 * tick, 2 * math.pi * 10 + 0.5 * tick)).ticks == (-1, 40960)
-
-
 def test_gyroscope_and_compass():
     imu = ImuParams(gyro_std=0.05, has_compass=True, compass_std=0.1, compass_resolution=0.02)
     readings = [read(imu=imu, pose=Pose2D(0, 0, 3.1), yaw_rate=0.7, seed=seed) for seed in range(2000)]
@@ -131,13 +121,6 @@ def test_magnets_disturb_the_compass_under_both_physics(physics):
     assert simulator.step([Twist(0.1, 0.0)])[0].heading == pytest.approx(0.4, abs=0.01)
     plain = begin(physics, robot, WORLD, ORIGIN)
     assert plain.step([Twist(0.1, 0.0)])[0].heading == pytest.approx(0.0, abs=0.01)
-
-
-def test_people_and_the_bumper_are_reported():
-    reading = read(circles=[[3.0, 0.0, 0.5]], bumper=True)
-    assert reading.bumper is True
-    assert reading.time == 1.5
-    assert reading.ranges[2] == pytest.approx(2.5)
 
 
 def test_the_gyroscope_measures_the_mean_yaw_rate_of_the_period(physics):

@@ -13,7 +13,7 @@ LIDAR = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=
 def random_scan(rng):
     """Return ranges of `LIDAR`, including invalid, missing and short returns."""
     ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
-    ranges[:4] = np.nan, np.inf, 0.06, 1.0
+    ranges[:6] = np.nan, np.inf, 0.06, 1.0, -np.inf, 0.0
     return ranges
 
 
@@ -21,7 +21,7 @@ def beams(ranges, pose, lidar, side, skip_exceeding):
     """Yield first and last cell (row, column), True for a hit, and start and end (x, y) in cells of each beam."""
     base = pose.compose(type(pose)(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
     for r, angle in zip(ranges.tolist(), lidar.angles):
-        if math.isnan(r) or (r >= lidar.range_max and skip_exceeding):
+        if not r > 0.0 or (r >= lidar.range_max and skip_exceeding):
             continue
         reach = min(r, lidar.range_max)
         end = base.x + reach * math.cos(base.theta + angle), base.y + reach * math.sin(base.theta + angle)

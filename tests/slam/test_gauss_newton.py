@@ -36,11 +36,10 @@ def test_evaluate_matches_the_slow_reference(scale):
     occupancy, points = random_case(1)
     pose = np.array([19.3, 14.8, 0.7]) / (scale, scale, 1.0)
     fit = evaluate((occupancy, occupancy), round(1 / scale) - 1, points, 50, *pose)
-    m = occupancy_at(occupancy, scale, points.astype(float), *pose)
+    exact = points.astype(float)
+    m = occupancy_at(occupancy, scale, exact, *pose)
     step = 1e-6
-    gradient = np.stack(
-        [(occupancy_at(occupancy, scale, points.astype(float), *(pose + step * unit)) - m) / step for unit in np.eye(3)]
-    )
+    gradient = np.stack([occupancy_at(occupancy, scale, exact, *(pose + step * unit)) - m for unit in np.eye(3)]) / step
     h, b = gradient @ gradient.T, gradient @ (1.0 - m)
     np.testing.assert_allclose(fit[:6], [h[0, 0], h[0, 1], h[0, 2], h[1, 1], h[1, 2], h[2, 2]], rtol=1e-3)
     np.testing.assert_allclose(fit[6:9], b, rtol=1e-3, atol=1e-4)
@@ -77,9 +76,8 @@ def test_refine_finds_the_pose_and_the_prior_holds_it():
     *held, _ = refine(levels, 2, points, 80, start, firm, 10, 10)
     np.testing.assert_allclose(held, start, atol=1e-3)
     # With a strong prior along x only, the other components are found.
-    *partly, _ = refine(
-        levels, 2, points, 80, (30.0, 23.8, 0.4), PosePrior(30.2, 24.0, 0.4, 1e6, 0, 0, 0, 0, 0), 10, 10
-    )
+    across = PosePrior(30.2, 24.0, 0.4, 1e6, 0, 0, 0, 0, 0)
+    *partly, _ = refine(levels, 2, points, 80, (30.0, 23.8, 0.4), across, 10, 10)
     np.testing.assert_allclose(partly[:2], (30.2, 25.0), atol=0.1)
 
 

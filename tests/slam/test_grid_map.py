@@ -7,31 +7,13 @@ import pytest
 from lidarnaut.envs.geometry import UNKNOWN, Pose2D
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam import TinySlamParams
-from lidarnaut.envs.slam.grid_map import FULL_OCCUPANCY, MAX_COUNT, GridMap, observe, probabilities, smaller_part
+from lidarnaut.envs.slam.grid_map import FULL_OCCUPANCY, MAX_COUNT, GridMap, observe, probabilities
 from lidarnaut.envs.slam.growing_map import MAX_CELLS
 
 from .reference import LIDAR, ReferenceMap, random_scan
 
 SMALL = TinySlamParams(resolution=1.0, map_width=5.0, map_height=5.0, hole_width=0.0, quality=1.0, unvisited=0.5)
 ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
-
-
-def draw(params, beams, quality=1.0, lidar=ONE_BEAM):
-    """Integrate (range, heading) beams from the middle of the 5 x 5 grid."""
-    grid_map = GridMap(params, lidar)
-    for r, heading in beams:
-        grid_map.integrate(np.array([r], dtype=np.float32), Pose2D(0.5, 0.5, heading), quality)
-    return grid_map
-
-
-def test_no_return_clears_up_to_the_range_unless_skipped():
-    lidar = dataclasses.replace(ONE_BEAM, range_max=2.0)
-    cleared = draw(SMALL, [(np.inf, math.pi / 2)], lidar=lidar).grid.data
-    np.testing.assert_array_equal(cleared[:, 2], [UNKNOWN, UNKNOWN, 1, 1, 1])
-    skipped = draw(dataclasses.replace(SMALL, skip_exceeding=True), [(np.inf, 0.0), (2.5, 0.0)], lidar=lidar)
-    assert (skipped.grid.data == UNKNOWN).all()
-    lost = draw(SMALL, [(np.nan, 0.0), (-np.inf, 0.0), (0.0, 0.0)])
-    assert (lost.grid.data == UNKNOWN).all()
 
 
 @pytest.mark.parametrize(
@@ -48,9 +30,8 @@ def test_no_return_clears_up_to_the_range_unless_skipped():
     ids=str,
 )
 def test_map_matches_the_slow_reference(changes):
-    params = TinySlamParams(
-        **{"resolution": 0.1, "map_width": 1.0, "map_height": 3.0, "hole_width": 0.25, "blur": "assign"} | changes
-    )
+    usual = {"resolution": 0.1, "map_width": 1.0, "map_height": 3.0, "hole_width": 0.25, "blur": "assign"}
+    params = TinySlamParams(**usual | changes)
     rng = np.random.default_rng(5)
     grid_map, reference = GridMap(params, LIDAR), ReferenceMap(params, LIDAR)
     known = set()
@@ -74,19 +55,6 @@ def test_map_matches_the_slow_reference(changes):
     percent = np.full(values.shape, UNKNOWN)
     percent[rows, cols] = np.floor(100.0 * values[rows, cols] + 0.5)
     np.testing.assert_array_equal(grid_map.grid.data, percent)
-
-
-def test_area_estimator_follows_the_report_in_cells_worked_by_hand():
-    params = dataclasses.replace(SMALL, occupancy_estimator="area")
-    through_the_middle = draw(params, [(2.0, 0.0)], 0.8)
-    np.testing.assert_allclose(probabilities(through_the_middle.words)[2], [0.5, 0.5, 0.304, 0.304, 0.5], atol=1e-5)
-    near_the_wall = draw(params, [(1.75, 0.0)])
-    assert probabilities(near_the_wall.words)[2, 4] == pytest.approx(0.75, abs=1e-5)
-    # A triangle with legs of 0.25 and 0.5 along the sides of the cell, and a trapezoid.
-    slope = math.atan2(0.5, -0.25)
-    assert smaller_part(2.0 / math.sqrt(20.0), math.cos(slope), math.sin(slope)) == pytest.approx(0.5 * 0.25 * 0.5)
-    assert smaller_part(0.3, 0.0, -1.0) == pytest.approx(0.2)
-    assert smaller_part(0.8, math.cos(slope), math.sin(slope)) == 0.5  # missed
 
 
 def test_counting_saturates_and_the_mean_stays_within_its_grain():

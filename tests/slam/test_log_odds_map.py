@@ -25,9 +25,8 @@ def beam(r):
 
 @pytest.mark.parametrize("skip_exceeding", [False, True])
 def test_every_level_matches_the_slow_reference(skip_exceeding):
-    params = HectorParams(
-        resolution=0.1, map_width=1.0, map_height=3.0, num_levels=3, skip_exceeding=skip_exceeding, max_log_odds=3.0
-    )
+    size = {"resolution": 0.1, "map_width": 1.0, "map_height": 3.0, "num_levels": 3}
+    params = HectorParams(**size, skip_exceeding=skip_exceeding, max_log_odds=3.0)
     rng = np.random.default_rng(5)
     grid_map = LogOddsMap(params, LIDAR)
     levels, known = [{}, {}, {}], set()

@@ -6,13 +6,10 @@ import pytest
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.robots import LidarParams, Mount
 from lidarnaut.envs.slam.scan_alignment import align_scans
-from tests.slam.rooms import scan, wall_distances
+from tests.slam.rooms import rectangle, scan
 
 LIDAR = LidarParams(num_beams=360, range_max=20.0, mount=Mount(x=0.1, yaw=0.3))
-WALLS = np.array(
-    [[0, 0, 9, 0], [9, 0, 9, 7], [9, 7, 0, 7], [0, 7, 0, 0], [3, 2, 5, 2], [5, 2, 5, 4], [2, 5, 4, 6], [7, 5, 7, 6]],
-    dtype=float,
-)
+WALLS = np.concatenate([rectangle(0, 0, 9, 7), [[3, 2, 5, 2], [5, 2, 5, 4], [2, 5, 4, 6], [7, 5, 7, 6]]])
 
 
 def drive(count=60):
@@ -50,10 +47,3 @@ def test_scans_without_returns_keep_their_poses():
     poses = drive(4)
     nothing = np.full((4, 360), np.inf, dtype=np.float32)
     np.testing.assert_allclose(align_scans(nothing, poses, LIDAR), poses, atol=1e-12)
-
-
-def test_points_of_aligned_scans_lie_on_walls(scans):
-    aligned = align_scans(scans, drive(), LIDAR)
-    x, y = scans[0] * LIDAR.directions + [[0.1], [0.0]]
-    points = Pose2D(*aligned[0]).transform(np.column_stack([x, y]))
-    assert np.sqrt(np.mean(wall_distances(points, WALLS) ** 2)) < 0.02

@@ -30,14 +30,3 @@ def test_their_robot_reaches_the_goal_of_each_by_about_the_published_path():
         length = GeodesicDistance(area, world.goals[0]).length(world.spawns[0])
         # Published paths go by cells of 0.15 m from centre to centre, through narrower gaps.
         assert 0.75 < length / world.optimal_length < 1.1, name
-
-
-@pytest.mark.parametrize("name", ["barn:300", "barn:-1", "barn:office"])
-def test_there_are_no_others(name):
-    with pytest.raises(ValueError, match=rf"'{name}'.*barn:0 to barn:299"):
-        load_world(name)
-
-
-def test_they_have_their_own_size():
-    with pytest.raises(ValueError, match=r"'barn:3' has a fixed size"):
-        world_sampler("barn:3", size=(20.0, 20.0))

@@ -110,10 +110,8 @@ def test_environments_take_the_difficulty():
     np.testing.assert_array_equal(*drawn)
     env.reset(options={"world": "hall"})
     assert env.unwrapped.world.name.startswith("hall-")
-    same = world_sampler("clutter", difficulty=0.2)(np.random.default_rng(5))
-    assert (
-        same.circles.tobytes() != world_sampler("clutter", difficulty=0.8)(np.random.default_rng(5)).circles.tobytes()
-    )
+    easy, hard = (world_sampler("clutter", difficulty=d)(np.random.default_rng(5)).circles for d in (0.2, 0.8))
+    assert easy.tobytes() != hard.tobytes()
 
 
 def test_a_number_of_worlds_are_made_once_and_drawn_again():

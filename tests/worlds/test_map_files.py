@@ -36,15 +36,9 @@ def test_saved_files_are_those_of_map_saver(tmp_path):
     path = save_map(grid_of([[0, 19, 49], [50, 65, -1]]), tmp_path / "map")
     assert (tmp_path / "map.pgm").read_bytes().startswith(b"P5")
     assert np.asarray(Image.open(tmp_path / "map.pgm")).tolist() == [[0, 0, 205], [254, 254, 254]]
-    assert yaml.safe_load(path.read_text()) == {
-        "image": "map.pgm",
-        "resolution": 0.1,
-        "origin": [-1.0, 2.0, 0.0],
-        "negate": 0,
-        "occupied_thresh": 0.65,
-        "free_thresh": 0.196,
-        "mode": "trinary",
-    }
+    place = {"image": "map.pgm", "resolution": 0.1, "origin": [-1.0, 2.0, 0.0]}
+    classes = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.196, "mode": "trinary"}
+    assert yaml.safe_load(path.read_text()) == place | classes
 
 
 def test_saved_maps_have_the_classes_of_planners(tmp_path):
@@ -58,7 +52,8 @@ def test_saved_maps_have_the_classes_of_planners(tmp_path):
 
 
 def write_map(tmp_path, pixels, **changes):
-    Image.fromarray(np.array(pixels, dtype=np.uint8)).save(tmp_path / "m.png")
+    pixels = np.array(pixels, dtype=None if isinstance(pixels, np.ndarray) else np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "m.png")
     content = {"image": "m.png", "resolution": 0.05, "origin": [0, 0, 0], "negate": 0}
     content |= {"occupied_thresh": 0.65, "free_thresh": 0.196} | changes
     (tmp_path / "m.yaml").write_text(yaml.safe_dump({k: v for k, v in content.items() if v is not None}))
@@ -74,6 +69,7 @@ COLOURS = [[[255, 255, 255, 255], [255, 255, 255, 0], [30, 0, 60, 255]]]
     ("pixels", "changes", "expected"),
     [
         (GREYS, {}, [100, 100, -1, -1, 0]),
+        (257 * np.array(GREYS, dtype=np.uint16), {}, [100, 100, -1, -1, 0]),
         (GREYS, {"mode": "trinary", "negate": 1}, [0, 0, -1, 100, 100]),
         # (1 - 128 / 255 - 0.196) / (0.65 - 0.196) = 0.665; 205 is slightly above the threshold for free.
         (GREYS, {"mode": "scale"}, [100, 100, 67, 0, 0]),
@@ -91,12 +87,6 @@ COLOURS = [[[255, 255, 255, 255], [255, 255, 255, 0], [30, 0, 60, 255]]]
 )
 def test_modes_thresholds_negate_and_colours(tmp_path, pixels, changes, expected):
     assert load_map(write_map(tmp_path, pixels, **changes)).data.tolist() == [expected]
-
-
-def test_sixteen_bits_are_read_as_eight(tmp_path):
-    path = write_map(tmp_path, [[0]])
-    Image.fromarray(257 * np.array([[0, 128, 254]], dtype=np.uint16)).save(tmp_path / "m.png")
-    assert load_map(path).data.tolist() == [[100, -1, 0]]
 
 
 @pytest.mark.parametrize(

@@ -4,24 +4,15 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.worlds import World, check_world, free_area, leaks, rasterize, reachable
+from lidarnaut.envs.worlds import check_world, free_area, leaks, rasterize, reachable
 from lidarnaut.envs.worlds.procedural.caves import contour
 from lidarnaut.envs.worlds.raster import outline
+from tests.rooms import square_room
 
 
-def world_of(segments, circles=(), spawns=((0.0, 0.0, 0.0),), bounds=(-1.0, -1.0, 1.0, 1.0)):
-    return World(
-        name="test",
-        segments=np.array(segments, dtype=np.float64).reshape(-1, 4),
-        circles=np.array(circles, dtype=np.float64).reshape(-1, 3),
-        spawns=tuple(Pose2D(*spawn) for spawn in spawns),
-        bounds=bounds,
-    )
-
-
-def square(half=1.0):
-    corners = [(-half, -half), (half, -half), (half, half), (-half, half)]
-    return [(*corners[i], *corners[(i + 1) % 4]) for i in range(4)]
+def world_of(segments, circles=()):
+    segments, circles = (np.array(rows, dtype=float).reshape(-1, size) for rows, size in ((segments, 4), (circles, 3)))
+    return dataclasses.replace(square_room(1.0), segments=segments, circles=circles)
 
 
 def cuts(segment, low, high):
@@ -65,21 +56,20 @@ def assert_marks_match(world, resolution):
 
 
 def test_free_area_shrinks_by_the_robots_radius():
-    world = world_of(square())
+    world = square_room(1.0)
     assert free_area(world) == pytest.approx(4.0, abs=0.25)
     assert free_area(world, radius=0.3) == pytest.approx(1.4**2, abs=0.2)
     assert free_area(world, radius=1.1) == 0.0
 
 
 def test_leaks_are_found():
-    closed = world_of(square())
+    closed = square_room(1.0)
     assert not leaks(reachable(closed)[1])
     assert check_world(closed) is closed
-    gap = world_of([*square()[:3], (-1, 1, -1, -0.8)])
     with pytest.raises(ValueError, match="leaks"):
-        check_world(gap)
+        check_world(world_of([*closed.segments[:3], (-1, 1, -1, -0.8)]))
     # A gap narrower than a cell is closed for any robot.
-    assert check_world(world_of([*square()[:3], (-1, 1, -1, -0.98)]))
+    assert check_world(world_of([*closed.segments[:3], (-1, 1, -1, -0.98)]))
 
 
 def test_outline_is_every_border_once():
@@ -135,11 +125,11 @@ def test_contour_of_two_cones_is_two_closed_circles():
 )
 def test_what_is_wrong_with_a_world_is_named(changes, complaint):
     with pytest.raises(ValueError, match=complaint):
-        check_world(dataclasses.replace(world_of([*square(), (0.5, -1, 0.5, 1)]), **changes))
+        check_world(dataclasses.replace(square_room(1.0, [(0.5, -1, 0.5, 1)]), **changes))
 
 
 def test_rasters_that_are_too_large_are_refused_at_once():
     with pytest.raises(ValueError, match=r"'test' spans 2 x 2 m, which is 4e\+10 cells of 1e-05 m"):
-        rasterize(world_of(square()), 1e-5)
+        rasterize(square_room(1.0), 1e-5)
     # A huge disc is drawn only within the raster, in little time.
     assert (rasterize(world_of([], [(0.0, 0.0, 1e7)]), 0.05).data == 100).all()

@@ -102,11 +102,8 @@ def test_a_changed_file_is_read_again(tmp_path):
 @pytest.mark.parametrize(
     "magnets",
     [
-        np.array([[1.0, 1.0, math.nan, 3.0]]),
-        np.array([[1.0, 1.0, 0.1, 0.0]]),
-        np.array([[1.0, 1.0, 0.1]]),
-        np.array([1.0, 1.0, 0.1, 3.0]),
-        [(1.0, 1.0, 0.1, 3.0)],
+        *(np.array(rows) for rows in ([[1.0, 1.0, math.nan, 3.0]], [[1.0, 1.0, 0.1, 0.0]], [[1.0, 1.0, 0.1]])),
+        *(np.array([1.0, 1.0, 0.1, 3.0]), [(1.0, 1.0, 0.1, 3.0)]),
     ],
 )
 def test_magnets_of_worlds_in_memory_are_checked(magnets):

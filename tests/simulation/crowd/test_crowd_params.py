@@ -12,10 +12,7 @@ from lidarnaut.envs.simulation.crowd import CROWDS, Crowd, crowd_of
         ("6", Crowd(number=6)),
         ("dense", CROWDS["dense"]),
         (CROWDS["doorway"], CROWDS["doorway"]),
-        (
-            "20?attentive=0.5,speed=[0.8, 1.2],model=orca",
-            Crowd(number=20, attentive=0.5, speed=(0.8, 1.2), model="orca"),
-        ),
+        ("9?attentive=0.5,speed=[0.8, 1],model=orca", Crowd(number=9, attentive=0.5, speed=(0.8, 1.0), model="orca")),
         ("corridor?number=3", Crowd(number=3, flow="along")),
         ({"crowd": "corridor", "body": "legs"}, Crowd(number=8, flow="along", body="legs")),
         ({"number": 4, "standing": 1.0}, Crowd(number=4, standing=1.0)),

@@ -9,6 +9,7 @@ from scipy.optimize import linprog
 from lidarnaut.envs.simulation.crowd import person_row as at
 from lidarnaut.envs.simulation.crowd.orca import Orca, avoid, best_velocity, walk_by_orca
 from lidarnaut.envs.simulation.crowd.walls import list_walls
+from tests.crowds import NO_ROBOTS, people_at
 
 LIMIT = 1.5
 
@@ -136,15 +137,6 @@ def test_where_no_velocity_is_allowed_the_least_bad_one_is_taken():
 
 
 NO_WALLS = list_walls(np.empty((0, 4)), np.empty((0, 3)), (-9.0, -9.0, 9.0, 9.0), 0.3)
-NO_ROBOTS = np.empty((0, 5))
-
-
-def people_at(*rows):
-    """People of 1 m/s, (x, y, vx, vy, kind)."""
-    people = np.zeros((len(rows), at.PERSON_SIZE))
-    people[:, [at.X, at.Y, at.VX, at.VY, at.KIND]] = rows
-    people[:, at.RADIUS], people[:, at.SPEED] = 0.3, 1.0
-    return people
 
 
 def velocities(people, ahead, robots=NO_ROBOTS, walls=NO_WALLS, model=Orca()):  # noqa: B008
@@ -153,37 +145,46 @@ def velocities(people, ahead, robots=NO_ROBOTS, walls=NO_WALLS, model=Orca()):  
     return (people[:, :2] - before) / 0.1
 
 
+def meeting():
+    return people_at([(-1.5, 0.05), (1.5, -0.05)], [(1, 0), (-1, 0)])
+
+
 def test_two_who_meet_give_way_alike():
-    first, second = velocities(people_at((-1.5, 0.05, 1, 0, 0), (1.5, -0.05, -1, 0, 0)), [(1, 0), (-1, 0)])
+    first, second = velocities(meeting(), [(1, 0), (-1, 0)])
     np.testing.assert_allclose(first, -second, atol=1e-12)
     assert 0.5 < first[0] <= 1.0
     assert first[1] > 0.05
 
 
 def test_attentive_people_do_all_for_robots_and_blind_people_nothing():
-    robots = np.array([(1.5, 0.05, -1.0, 0.0, 0.3)])
-    blind = velocities(people_at((-1.5, 0.0, 1, 0, at.BLIND)), [(1, 0)], robots)[0]
+    robots = np.array([(1.5, -0.05, -1.0, 0.0, 0.3)])
+    blind, attentive = (
+        velocities(people_at([(-1.5, 0.05)], (1, 0), kind), [(1, 0)], robots)[0] for kind in (at.BLIND, at.ATTENTIVE)
+    )
     np.testing.assert_allclose(blind, (1.0, 0.0), atol=1e-9)
-    attentive = velocities(people_at((-1.5, 0.0, 1, 0, at.ATTENTIVE)), [(1, 0)], robots)[0]
-    halves = velocities(people_at((-1.5, 0.0, 1, 0, 0), (1.5, 0.05, -1, 0, 0)), [(1, 0), (-1, 0)])[0]
+    halves = velocities(meeting(), [(1, 0), (-1, 0)])[0]
     assert attentive[1] == pytest.approx(2.0 * halves[1], rel=0.1)
-    assert attentive[1] < -0.1
+    assert attentive[1] > 0.1
 
 
 def test_only_those_in_sight_count():
-    crowd = people_at((0, 0, 1, 0, 0), (1.2, 0.1, 0, 0, at.STANDING), (3.5, -0.1, 0, 0, at.STANDING))
+    kinds = [at.ATTENTIVE, at.STANDING, at.STANDING]
+    crowd = people_at([(0, 0), (1.2, 0.1), (3.5, -0.1)], [(1, 0), (0, 0), (0, 0)], kinds)
     near = velocities(crowd[:2].copy(), [(1, 0)] * 2)[0]
     assert np.hypot(*(near - (1.0, 0.0))) > 0.1
     np.testing.assert_array_equal(velocities(crowd.copy(), [(1, 0)] * 3, model=Orca(sight=3.0))[0], near)
     assert not np.allclose(velocities(crowd.copy(), [(1, 0)] * 3)[0], near)
 
 
-def test_walls_are_not_walked_into_within_their_horizon():
-    segments = np.array([(-5.0, 1.0, 5.0, 1.0)])
-    walls = list_walls(segments, np.array([(1.0, 0.0, 0.2)]), (-5.0, -5.0, 5.0, 5.0), 0.3)
-    up = velocities(people_at((-1.0, 0.5, 0, 1, 0)), [(0, 1)], walls=walls)[0]
-    np.testing.assert_allclose(up, (0.0, 0.2 / 0.5), atol=1e-9)
-    toward_cylinder = velocities(people_at((0.3, 0.0, 1, 0, 0)), [(1, 0)], walls=walls)[0]
-    np.testing.assert_allclose(toward_cylinder, (0.2 / 0.5, 0.0), atol=1e-9)
-    past_the_end = velocities(people_at((5.5, 0.5, 0, 1, 0)), [(0, 1)], walls=walls)[0]
-    np.testing.assert_allclose(past_the_end, (0.0, 1.0), atol=1e-9)
+@pytest.mark.parametrize(
+    ("position", "ahead", "expected"),
+    [
+        ((-1.0, 0.5), (0, 1), (0.0, 0.2 / 0.5)),
+        ((0.3, 0.0), (1, 0), (0.2 / 0.5, 0.0)),  # to the cylinder
+        ((5.5, 0.5), (0, 1), (0.0, 1.0)),  # past the end of the wall
+    ],
+)
+def test_walls_are_not_walked_into_within_their_horizon(position, ahead, expected):
+    wall, cylinder = np.array([(-5.0, 1.0, 5.0, 1.0)]), np.array([(1.0, 0.0, 0.2)])
+    walls = list_walls(wall, cylinder, (-5.0, -5.0, 5.0, 5.0), 0.3)
+    np.testing.assert_allclose(velocities(people_at([position], ahead), [ahead], walls=walls)[0], expected, atol=1e-9)

@@ -6,17 +6,10 @@ import pytest
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.simulation.crowd import person_row as at
-from lidarnaut.envs.simulation.crowd.routes import (
-    ARRIVAL_DISTANCE,
-    NEXT_BY_DRAW,
-    RESOLUTION,
-    choose_directions,
-    descent,
-    plan_routes,
-    spread_costs,
-)
+from lidarnaut.envs.simulation.crowd import routes as routes_of
+from lidarnaut.envs.simulation.crowd.routes import ARRIVAL_DISTANCE, choose_directions, descent, plan_routes
 from lidarnaut.envs.worlds import load_world
-from tests.crowds import CORRIDOR, DOORWAY, HALL
+from tests.crowds import CORRIDOR, DOORWAY, HALL, people_at
 from tests.rooms import make_room
 
 
@@ -32,7 +25,7 @@ def shortest(slowness, source):
             cell = row + a, col + b
             if 0 <= cell[0] < slowness.shape[0] and 0 <= cell[1] < slowness.shape[1] and slowness[cell] < np.inf:
                 mean = 0.5 * (slowness[row, col] + slowness[cell])
-                further = cost + RESOLUTION * math.hypot(a, b) * mean
+                further = cost + routes_of.RESOLUTION * math.hypot(a, b) * mean
                 if further < costs.get(cell, np.inf):
                     costs[cell] = further
                     heapq.heappush(queue, (further, cell))
@@ -46,7 +39,7 @@ def test_costs_agree_with_dijkstra():
     slowness[28:35, 5:15] = 1.5
     field = np.full(slowness.shape, np.inf, dtype=np.float32)
     field[5, 5] = 0.0
-    spread_costs(slowness, field)
+    routes_of.spread_costs(slowness, field)
     for cell, cost in shortest(slowness, (5, 5)).items():
         assert field[cell] == pytest.approx(cost, rel=0.05, abs=0.15)
     assert np.isinf(field[slowness == np.inf]).all()
@@ -91,20 +84,19 @@ def test_flows_lead_to_the_other_end_or_side():
         assert routes.points[k, axis] == pytest.approx(-routes.points[k ^ 1, axis], abs=0.3)
 
 
-def people_at(x, y, goal):
-    rows = np.zeros((1, at.PERSON_SIZE))
-    rows[0, [at.X, at.Y, at.SPEED, at.GOAL]] = x, y, 1.0, goal
-    rows[0, at.DRAWS :] = np.linspace(0.0, 0.99, at.NUM_DRAWS)
-    return rows
+def person_to(goal, x, y):
+    person = people_at([(x, y)])
+    person[0, at.GOAL], person[0, at.DRAWS :] = goal, np.linspace(0.0, 0.99, at.NUM_DRAWS)
+    return person
 
 
 def test_who_arrives_takes_the_next_goal_by_its_own_draws():
     routes = plan_routes(HALL, 0.3, "anywhere")
     goals, directions = [0], np.zeros((1, 2))
-    assert (routes.points[:, 2] == NEXT_BY_DRAW).all()
+    assert (routes.points[:, 2] == routes_of.NEXT_BY_DRAW).all()
     points = np.vstack([np.zeros((2, 3)), routes.points])  # two points of fixed routes come first
     for trip in range(100):
-        people = people_at(*routes.points[goals[-1], :2], goals[-1] + 2)
+        people = person_to(goals[-1] + 2, *routes.points[goals[-1], :2])
         people[0, at.TRIP] = trip
         choose_directions(people, points, routes.fields, routes.walls.grid, 0.05, directions)
         assert people[0, at.TRIP] == trip + 1
@@ -116,7 +108,7 @@ def test_who_arrives_takes_the_next_goal_by_its_own_draws():
 
 def test_who_gets_nowhere_takes_another_goal_after_some_seconds():
     routes = plan_routes(CORRIDOR, 0.3, "along")
-    people, directions, times = people_at(0.0, 0.0, 0), np.zeros((1, 2)), []
+    people, directions, times = person_to(0, 0.0, 0.0), np.zeros((1, 2)), []
     for k in range(2000):
         choose_directions(people, routes.points, routes.fields, routes.walls.grid, 0.05, directions)
         if people[0, at.TRIP] == len(times) + 1:
@@ -130,7 +122,7 @@ def test_who_gets_nowhere_takes_another_goal_after_some_seconds():
 def test_who_gets_nowhere_turns_back_where_a_destination_lies_behind():
     routes = plan_routes(CORRIDOR, 0.3, "anywhere")
     for goal in range(8):
-        people, ways = people_at(1.5, 0.0, goal), np.zeros((1, 2))
+        people, ways = person_to(goal, 1.5, 0.0), np.zeros((1, 2))
         choose_directions(people, routes.points, routes.fields, routes.walls.grid, 0.05, ways)
         before = ways[0].copy()
         for draw in np.linspace(0.0, 0.99, 5):

@@ -5,28 +5,20 @@ import pytest
 from numba import njit
 
 from lidarnaut.envs.geometry.clearance import segment_offset
-from lidarnaut.envs.simulation.crowd import Crowd
+from lidarnaut.envs.simulation.crowd import Crowd, social_force
 from lidarnaut.envs.simulation.crowd import person_row as at
 from lidarnaut.envs.simulation.crowd.overlaps import resolve_overlaps
-from lidarnaut.envs.simulation.crowd.social_force import (
-    MIN_PUSH_RATIO,
-    SIDE_SWITCH_TIME,
-    SocialForce,
-    social_forces,
-    walk_by_forces,
-)
+from lidarnaut.envs.simulation.crowd.social_force import SocialForce
 from lidarnaut.envs.simulation.crowd.walls import list_walls, near_list
 from tests.crowds import CYLINDERS, begin, walk
 from tests.rooms import make_room
-
-NO_ROBOTS = np.empty((0, 5))
 
 
 def reference(people, directions, robots, walls, model):
 
     def push(offset, touching, ahead, sideways):
         distance = np.hypot(*offset)
-        if distance >= touching - model.reach * math.log(MIN_PUSH_RATIO):
+        if distance >= touching - model.reach * math.log(social_force.MIN_PUSH_RATIO):
             return np.zeros(2)
         normal = offset / distance
         weight = model.behind + (1.0 - model.behind) * (1.0 - normal @ ahead) / 2.0
@@ -36,7 +28,7 @@ def reference(people, directions, robots, walls, model):
     forces = []
     for i, person in enumerate(people):
         at_i, ahead, radius = person[[at.X, at.Y]], directions[i], person[at.RADIUS]
-        sideways = model.sideways if person[at.SLOW] < SIDE_SWITCH_TIME else -model.sideways
+        sideways = model.sideways if person[at.SLOW] < social_force.SIDE_SWITCH_TIME else -model.sideways
         others = sum(
             push(at_i - other[[at.X, at.Y]], radius + other[at.RADIUS], ahead, sideways)
             for j, other in enumerate(people)
@@ -74,7 +66,7 @@ def random_people(rng, seed):
 
 def forces_of(people, directions, robots, walls, model):
     forces = np.empty((len(people), 2))
-    social_forces(people, directions, robots, walls, model, forces)
+    social_force.social_forces(people, directions, robots, walls, model, forces)
     return forces
 
 
@@ -89,53 +81,6 @@ def test_forces_are_those_of_the_reference(model):
         np.testing.assert_allclose(forces_of(people, directions, robots, walls, model), expected, atol=1e-9)
 
 
-def test_forces_are_those_of_pysocialforce():
-    """Terms of the same formula in PySocialForce 1.1.2 (MIT), computed as follows, on state rows x, y, vx, vy, goal.
-
-    `DesiredForce`, `max_speeds` set to 1.3; `ObstacleForce` with factor 10, sigma 0.2, threshold 3 and the agents'
-    radius of 0.35 m, for a point at (0.5, 1.0); and the gradient of `PedPedPotential(0.0, v0=2.1, sigma=0.3)` (forward
-    differences over 1 mm), which has no radii:
-
-        simulator = pysocialforce.Simulator(state, obstacles=[(0.5, 0.61, 1.0, 1.0)])
-        force = pysocialforce.forces.DesiredForce(); force.init(simulator, simulator.config); force.get_force()
-        -pysocialforce.potentials.PedPedPotential(0.0, v0=2.1, sigma=0.3).grad_r_ab(state).sum(axis=1)
-    """
-    goals = np.array([(4.0, 1.0), (-3.0, 0.5), (0.5, 4.0), (2.0, -5.0)])
-    people = np.zeros((4, at.PERSON_SIZE))
-    people[:, [at.X, at.Y, at.VX, at.VY]] = [
-        (0.0, 0.0, 0.6, 0.2), (0.9, 0.3, -0.5, 0.1), (0.2, -0.8, 0.0, 0.9), (1.6, -0.4, 0.3, -0.2)
-    ]  # fmt: skip
-    people[:, at.RADIUS], people[:, at.SPEED] = 0.35, 1.3
-    ahead = goals - people[:, [at.X, at.Y]]
-    directions = ahead / np.hypot(*ahead.T)[:, None]
-    plain = SocialForce(
-        strength=1e-12, reach=0.3, behind=1.0, sideways=0.0, braking=1e9, wall_strength=1e-12, max_acceleration=1e9
-    )
-    point = list_walls(np.empty((0, 4)), np.array([(0.5, 1.0, 0.0)]), (-2.0, -2.0, 3.0, 3.0), 0.8)
-
-    def forces(**changes):
-        return forces_of(people, directions, NO_ROBOTS, point, plain._replace(**changes))
-
-    goal = [
-        (1.3223705, 0.230592625),
-        (-1.596587925, -0.066841645),
-        (0.162183544, 0.794936704),
-        (-0.374762997, -2.190225529),
-    ]
-    np.testing.assert_allclose(forces(), goal, atol=1e-8)
-    obstacle = [(-0.096105973, -0.192211947), (0.506899229, -0.88707365)]  # persons within 0.9 m, or slightly farther
-    np.testing.assert_allclose((forces(wall_strength=10.0, wall_reach=0.2) - forces())[:2], obstacle, atol=1e-8)
-    # V0 / sigma = 7 m/s2 at a distance of 0, scaled by e^(-0.7 / 0.3) if radii touch.
-    others = [
-        (-0.41785498, 0.347349241),
-        (0.146602138, 0.352654345),
-        (0.007576216, -0.52697845),
-        (0.262650476, -0.174679929),
-    ]
-    pushes = forces(strength=7.0 * math.exp(-0.7 / 0.3)) - forces()
-    np.testing.assert_allclose(pushes, others, atol=4e-3)
-
-
 @njit
 def mean_speed(people, walls, model, periods, first, dt):
     """Let people walk around a ring; return their mean speed along the ring from period `first` on [m/s]."""
@@ -146,7 +91,7 @@ def mean_speed(people, walls, model, periods, first, dt):
             x, y = people[i, at.X], people[i, at.Y]
             starts[i, 0], starts[i, 1] = x, y
             directions[i, 0], directions[i, 1] = -y / math.hypot(x, y), x / math.hypot(x, y)
-        walk_by_forces(people, directions, np.empty((0, 5)), walls, model, dt)
+        social_force.walk_by_forces(people, directions, np.empty((0, 5)), walls, model, dt)
         resolve_overlaps(people, starts, np.empty((0, 5)), walls, dt)
         for i in range(count):
             people[i, at.VX] = (people[i, at.X] - starts[i, 0]) / dt

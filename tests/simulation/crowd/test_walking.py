@@ -9,10 +9,12 @@ from lidarnaut.envs.simulation.crowd import person_row as at
 from tests.crowds import CORRIDOR, DOORWAY, FAR_AWAY, HALL, SCENES, begin, robots_at_poses, walk, watch
 from tests.rooms import make_room
 
-MODELS = ("social_force", "orca")
+
+@pytest.fixture(params=["social_force", "orca"])
+def model(request):
+    return request.param
 
 
-@pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("scene", SCENES)
 def test_nobody_is_in_a_wall_or_in_somebody_in_250_000_steps(scene, model):
     world, crowd = SCENES[scene]
@@ -26,7 +28,6 @@ def test_nobody_is_in_a_wall_or_in_somebody_in_250_000_steps(scene, model):
     assert people.rows[:, at.TRIP].min() > periods / 10 / 60  # more than one a minute
 
 
-@pytest.mark.parametrize("model", MODELS)
 def test_people_walk_at_about_their_desired_speed(model):
     people = begin(HALL, Crowd(number=10, model=model, speed=(0.8, 1.2)))
     rows = walk(people, 600)
@@ -35,7 +36,6 @@ def test_people_walk_at_about_their_desired_speed(model):
     assert (speeds <= 1.5 * rows[..., at.SPEED]).all()
 
 
-@pytest.mark.parametrize("model", MODELS)
 def test_everybody_gets_through_a_door_that_lets_one_pass(model):
     people = begin(DOORWAY, Crowd(number=8, model=model, flow="along"))
     side = np.sign(walk(people, 1500)[..., at.X])
@@ -44,16 +44,13 @@ def test_everybody_gets_through_a_door_that_lets_one_pass(model):
     assert crossings.sum() >= 40
 
 
-@pytest.mark.parametrize("model", MODELS)
 def test_the_same_seed_gives_the_same_people(model):
-    first, second, third = (
-        walk(begin(DOORWAY, Crowd(number=(3, 9), model=model, standing=0.2), seed), 100) for seed in (3, 3, 4)
-    )
+    crowd = Crowd(number=(3, 9), model=model, standing=0.2)
+    first, second, third = (walk(begin(DOORWAY, crowd, seed), 100) for seed in (3, 3, 4))
     assert first.tobytes() == second.tobytes()
     assert first.tobytes() != third.tobytes()
 
 
-@pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("attentive", [0.0, 1.0])
 def test_attentive_people_give_way_to_robots_and_blind_people_do_not(model, attentive):
     crowd = Crowd(number=6, model=model, attentive=attentive)
@@ -69,7 +66,6 @@ def test_attentive_people_give_way_to_robots_and_blind_people_do_not(model, atte
         np.testing.assert_array_equal(alone[:first], beside[:first])
 
 
-@pytest.mark.parametrize("model", MODELS)
 def test_who_walks_into_a_robot_stops_there(model):
     corridor = make_room(-5, -0.4, 5, 0.4)
     crowd = Crowd(number=1, model=model, attentive=0.0, flow="along")
@@ -81,7 +77,6 @@ def test_who_walks_into_a_robot_stops_there(model):
     assert rows[:, 0, at.TRIP].max() >= 4.0  # it turns round after some seconds
 
 
-@pytest.mark.parametrize("model", MODELS)
 def test_standing_people_stand_and_others_walk_around_them(model):
     people = begin(CORRIDOR, Crowd(number=8, model=model, standing=0.4, flow="along"), seed=2)
     stands = people.rows[:, at.KIND] == at.STANDING
@@ -91,7 +86,6 @@ def test_standing_people_stand_and_others_walk_around_them(model):
     assert (np.ptp(rows[:, ~stands, at.X], axis=0) > 10.0).all()
 
 
-@pytest.mark.parametrize("model", MODELS)
 def test_people_walk_from_end_to_end_or_from_side_to_side(model):
     for world, flow, num_axes in ((CORRIDOR, "along", 1), (HALL, "across", 2)):
         rows = walk(begin(world, Crowd(number=8, model=model, flow=flow)), 900)

@@ -19,13 +19,9 @@ def test_near_obstacles_give_the_clearance_from_all(world):
             assert clearance(*walls, x, y) > 0.3 + WALL_RANGE
 
 
-def test_beyond_the_world_nothing_is_near():
+def test_beyond_the_world_nothing_is_near_and_a_disc_in_a_corner_is_pushed_out_of_both_walls():
     walls = list_walls(DOORWAY.segments, DOORWAY.circles, DOORWAY.bounds, 0.3)
     assert clearance(*walls, 100.0, -100.0) == math.inf
-
-
-def test_a_disc_in_a_corner_is_pushed_out_of_both_walls():
-    walls = list_walls(DOORWAY.segments, DOORWAY.circles, DOORWAY.bounds, 0.3)
     assert push_out(*walls, -5.9, -3.8, 0.3) == pytest.approx((-5.7, -3.7, True))
     assert push_out(*walls, -3.0, 0.0, 0.3) == (-3.0, 0.0, True)
 

@@ -1,4 +1,5 @@
 import math
+from functools import partial
 
 import numpy as np
 
@@ -10,8 +11,7 @@ from tests.slam.rooms import CIRCLE, ELSEWHERE, STAY, drive, follow, make_small,
 TIGHT = OdometryNoise(0.001, 0.005, 0.001, 0.001, 0.001)
 
 
-def gmapping(**changes):
-    return make_small("gmapping", **changes)
+gmapping = partial(make_small, "gmapping")
 
 
 def switching(**changes):

@@ -20,10 +20,8 @@ POSES = [Pose2D(0.0, 0.0, 0.0), Pose2D(0.2, 0.1, 0.3), Pose2D(-0.3, 0.2, -0.5)]
 
 def make_maps(count=2):
     rng = np.random.default_rng(4)
-    tiles, plain = (
-        ParticleMaps(GMappingParams(num_particles=count, **SIZE), LIDAR),
-        LogOddsMap(HectorParams(**SIZE), LIDAR),
-    )
+    tiles = ParticleMaps(GMappingParams(num_particles=count, **SIZE), LIDAR)
+    plain = LogOddsMap(HectorParams(**SIZE), LIDAR)
     for pose in POSES:
         ranges = scan(pose, rng)
         tiles.integrate(ranges, np.tile(np.array(pose), (count, 1)), np.ones(count, dtype=np.bool_))
@@ -80,9 +78,8 @@ def test_mode_covariance_and_weight_are_those_of_the_posterior():
     k, stds = 1.0, (0.02, 0.02, 0.02)
     params = MatcherParams.of(GMappingParams(residual_variance=k, iterations=20, coarse_iterations=5))
     by_odometry, out = Pose2D(0.21, 0.09, 0.31), Proposals.make(1)
-    propose(
-        tiles.maps, np.zeros((1, 3)), tuple(by_odometry), tuple(by_odometry), (0.02, 0.02), points, count, params, out
-    )
+    prior = tuple(by_odometry)
+    propose(tiles.maps, np.zeros((1, 3)), prior, prior, (0.02, 0.02), points, count, params, out)
     steps = np.linspace(-0.02, 0.02, 11)
     offsets = np.stack(np.meshgrid(steps, steps, 0.4 * steps, indexing="ij"), axis=-1).reshape(-1, 3)
     poses = out.modes[0] + offsets

@@ -14,30 +14,16 @@ from lidarnaut.envs.slam.graph.nodes import MapRendering, NodeStore
 
 from ..rooms import rectangle, scan
 
-HALL = np.concatenate(
-    [
-        rectangle(0.0, 0.0, 12.0, 9.0),
-        rectangle(3.0, 3.0, 9.0, 6.0),
-        rectangle(5.0, 0.3, 5.8, 0.9),
-        rectangle(10.5, 4.0, 11.4, 4.5),
-        rectangle(2.0, 8.0, 2.6, 8.6),
-        rectangle(7.4, 8.2, 7.8, 8.7),
-    ]
-)
+BOXES = [(5.0, 0.3, 5.8, 0.9), (10.5, 4.0, 11.4, 4.5), (2.0, 8.0, 2.6, 8.6), (7.4, 8.2, 7.8, 8.7)]
+HALL = np.concatenate([rectangle(*box) for box in [(0.0, 0.0, 12.0, 9.0), (3.0, 3.0, 9.0, 6.0), *BOXES]])
 """Corridor around a block, with boxes on its outer wall, shape (24, 4) [m]."""
 LIDAR = LidarParams(num_beams=120, range_max=6.0)
 STAY = Pose2D(0.0, 0.0, 0.0)
 NOTHING = np.full(120, np.inf, dtype=np.float32)
 NOISE = OdometryNoise(position_std=0.005, position_per_metre=0.03, heading_std=0.005, heading_per_metre=0.03)
-BLIND = GraphSlamParams(
-    loop_scans=4,
-    submap_spacing=10,
-    cells_per_scan=120_000,
-    odometry_noise=NOISE,
-    residual_variance=1e9,
-    uses_distributions=False,
-    retry_below=0.0,
-)
+SIZES = {"loop_scans": 4, "submap_spacing": 10, "cells_per_scan": 120_000}
+UNMATCHED = {"residual_variance": 1e9, "uses_distributions": False, "retry_below": 0.0}
+BLIND = GraphSlamParams(odometry_noise=NOISE, **SIZES, **UNMATCHED)
 """Parameters with poses from odometry, corrected only by loop closures."""
 
 

@@ -84,11 +84,8 @@ def test_evaluate_matches_the_slow_reference():
 
 def end_of_drive(slam, seed):
     """Drive 38 m through the hall; return the position error at the end [m]."""
-    rng, tracked, start = (
-        np.random.default_rng(seed),
-        make_slam(slam, LIDAR, odometry_noise=WHEELS),
-        Pose2D(0.0, 0.0, 0.2),
-    )
+    rng, start = np.random.default_rng(seed), Pose2D(0.0, 0.0, 0.2)
+    tracked = make_slam(slam, LIDAR, odometry_noise=WHEELS)
     tracked.update(Reading.of_scan(see_hall(start, rng)[0]), Pose2D(0.0, 0.0, 0.0))
     pose = start
     for _ in range(190):

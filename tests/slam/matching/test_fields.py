@@ -7,15 +7,8 @@ from lidarnaut.envs.estimation.scan_points import ScanGeometry
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.slam import HectorParams, LoopClosureParams
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
-from lidarnaut.envs.slam.matching.fields import (
-    Field,
-    HitShares,
-    count_crossings,
-    count_hits,
-    fits_map,
-    hit_shares,
-    is_accepted,
-)
+from lidarnaut.envs.slam.matching import fields
+from lidarnaut.envs.slam.matching.fields import Field, HitShares
 
 from ..rooms import LIDAR
 
@@ -27,12 +20,12 @@ def test_hits_next_to_occupied_cells_agree_and_those_on_free_ones_do_not():
     # On the wall, next to it before and behind, free, unknown, and outside of the map; seen from (1, 4), heading up.
     points = np.array([(0, -5.5), (0, -4.5), (0, -6.5), (1, -2), (3.8, 0), (0, 40)], dtype=np.float32).T
     pose = (1.0, 4.0, 0.5 * math.pi)
-    assert count_hits(Field(occupancy, 0.0, 0.0, 1.0), points.T, pose) == (3, 1, 90)
+    assert fields.count_hits(Field(occupancy, 0.0, 0.0, 1.0), points.T, pose) == (3, 1, 90)
     grid, pose = OccupancyGrid(occupancy, 0.5, (-3.0, 2.0)), (-2.5, 4.0, 0.5 * math.pi)
-    assert fits_map(grid, points, pose, 0.5) is None
+    assert fields.fits_map(grid, points, pose, 0.5) is None
     many = np.repeat(points, 10, axis=1)
-    assert fits_map(grid, many, pose, 0.75) is True
-    assert fits_map(grid, many, pose, 0.76) is False
+    assert fields.fits_map(grid, many, pose, 0.75) is True
+    assert fields.fits_map(grid, many, pose, 0.76) is False
 
 
 def test_beams_are_asked_for_the_walls_that_they_pass_through():
@@ -49,7 +42,7 @@ def test_beams_are_asked_for_the_walls_that_they_pass_through():
         ([just_behind, through, through, 0.2, ignored], (2, 3)),  # shorter than the omitted end, ignored
         ([no_return, through, ignored, no_return, 0.8], (2, 3)),  # no return clears its ray, mostly in unknown cells
     ):
-        assert count_crossings(field, np.array(ranges, dtype=np.float32), geometry, pose) == expected
+        assert fields.count_crossings(field, np.array(ranges, dtype=np.float32), geometry, pose) == expected
 
 
 def test_a_field_is_what_is_known_of_a_map():
@@ -74,10 +67,10 @@ def test_hits_are_counted_by_what_they_fall_on():
     points = np.array([[1.0 + 0.5 * (q + 0.5), 2.0 + 0.5 * (r + 0.5)] for r, q in cells])
     pose = Pose2D(0.3, -0.4, 0.8)
     local = np.array([pose.inverse().compose(Pose2D(*point, 0.0))[:2] for point in points], dtype=np.float32)
-    shares = hit_shares(field, local, pose)
+    shares = fields.hit_shares(field, local, pose)
     # On the wall, twice next to it; two free, one unknown, two outside.
     assert shares == pytest.approx((0.9 / 8, 3 / 8, 2 / 8))
-    assert hit_shares(field, local[:0], pose) == (0.0, 0.0, 0.0)
+    assert fields.hit_shares(field, local[:0], pose) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -92,5 +85,5 @@ def test_hits_are_counted_by_what_they_fall_on():
     ],
 )
 def test_hits_must_agree_with_what_is_occupied_and_free(shares, accepted):
-    assert is_accepted(shares, LoopClosureParams()) is accepted
-    assert not is_accepted(shares, LoopClosureParams(min_agreement=0.99)) or shares.free == 0.0
+    assert fields.is_accepted(shares, LoopClosureParams()) is accepted
+    assert not fields.is_accepted(shares, LoopClosureParams(min_agreement=0.99)) or shares.free == 0.0
