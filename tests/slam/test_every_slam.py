@@ -43,6 +43,15 @@ def test_without_odometry_every_scan_is_matched_to_the_last_pose():
     np.testing.assert_allclose(estimated, truth, atol=0.03)
 
 
+def test_beams_on_people_are_mapped_but_not_matched(monkeypatch):
+    slam, other, matched = make_slam("truth", LIDAR), make_slam("truth", LIDAR), []
+    monkeypatch.setattr(slam, "match", lambda ranges, pose: matched.append(ranges) or (pose, slam.params.quality))
+    slam.unmatched, reading = np.arange(LIDAR.num_beams) < 90, see(STAY)
+    grid = slam.update(reading, STAY).grid
+    np.testing.assert_array_equal(matched[0], np.where(slam.unmatched, np.nan, reading.ranges))
+    np.testing.assert_array_equal(grid.data, other.update(reading, STAY).grid.data)
+
+
 FIRM = OdometryNoise(0.001, 0.005, 0.001, 0.001, 0.001)
 
 
