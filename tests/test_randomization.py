@@ -17,7 +17,7 @@ from lidarnaut.envs.tasks.explore import Explore
 from tests.rollouts import rollout
 from tests.rooms import BURGER, square_room
 from tests.test_core import QUICK
-from tests.test_vector import RANGES
+from tests.vector.test_vector import RANGES
 
 BULLET = pytest.param("bullet", marks=pytest.mark.skipif(not find_spec("pybullet"), reason="needs PyBullet"))
 ROOM = {"world": square_room(1.5), "start": (0.0, 0.0, 0.0), "physics": "kinematic", "slam": "odometry"}

@@ -46,7 +46,7 @@ def rate_farthest():
     return lambda navigator, belief: navigator.candidates["cost"]
 
 
-@pytest.mark.parametrize("rating", [rate_farthest, "tests.test_plan:rate_farthest"])
+@pytest.mark.parametrize("rating", [rate_farthest, "tests.observations.test_plan:rate_farthest"])
 def test_frontiers_are_ordered_by_a_rating_of_ones_own(rating):
     costs = []
     for part in ({}, {"rating": rating}):

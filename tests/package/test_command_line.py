@@ -18,7 +18,7 @@ from lidarnaut.envs import progress
 from lidarnaut.envs.command_line import Count, run_command
 from lidarnaut.envs.progress import Progress
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def measure(episodes: Count = 3, path: str = ""):

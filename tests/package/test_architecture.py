@@ -4,7 +4,7 @@ import itertools
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PACKAGES = ("lidarnaut", "envs", "baselines", "agents", "driver", "benchmarks")
 
 

@@ -30,7 +30,7 @@ PROGRAM = """
 import pickle, sys
 import numpy as np
 from lidarnaut.envs.slam.matching.branch_and_bound import Grid, total_at
-from tests.test_without_jit import CASES, play
+from tests.package.test_without_jit import CASES, play
 pickle.dump({name: play(cases) for name, cases in CASES.items()}, open(sys.argv[1], "wb"))
 print(total_at(np.full(4, 200, np.uint8), Grid(np.arange(4, dtype=np.int32)[None], np.array([4]), 0, 0), 0, 0))
 """
@@ -51,7 +51,7 @@ def play(cases):
 
 def test_environments_run_as_with_compiled_kernels_and_sums_do_not_overflow(tmp_path):
     """Warnings are errors."""
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[1])}
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
     command = [sys.executable, "-W", "error::RuntimeWarning", "-c", PROGRAM, str(tmp_path / "played")]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

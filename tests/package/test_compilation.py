@@ -14,7 +14,7 @@ import pytest
 from lidarnaut.envs.compilation import sources
 
 LAST_PID = re.compile(r"process (\d+) on ")
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FILES = {
     "constants": "FACTOR = 2\n",
     "inner": "from numba import njit\n\nfrom lidarnaut.envs.constants import FACTOR\n\n\n"

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="environments have other folders on Windows")
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SOURCES = ("pyproject.toml", "PYPI.md", "MANIFEST.in", "LICENSE", "lidarnaut")
 PACKAGES = ("lidarnaut", "lidarnaut/envs", "lidarnaut/baselines", "lidarnaut/agents", "lidarnaut/benchmarks")
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.language import count
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 LIMIT = 3.5
 """Maximum number of idioms per 1,000 words."""
 # Files of this test contain idioms as data.

@@ -17,7 +17,7 @@ from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
 ray = pytest.importorskip("ray", reason="needs the extra `ray`: make test-ray")
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 EXPLORERS = """
 import os, pathlib
 from lidarnaut.baselines import EXPLORERS

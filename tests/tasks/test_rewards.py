@@ -9,7 +9,7 @@ import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.envs import core
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import SHARED_QUANTITIES, Rewards
-from tests.test_vector_info import compare
+from tests.vector.test_info import compare
 
 CROWD = {"world": "rooms", "people": 6, "physics": "kinematic"}
 WEIGHTS = dict.fromkeys(SHARED_QUANTITIES, 0.1)

@@ -285,7 +285,7 @@ def test_a_script_that_workers_import_is_told_to_guard_its_start(start_server, t
     make = f'gymnasium.make_vec("lidarnaut/Explore-v0", 2, num_workers=2, context="forkserver", **{QUICK})'
     script = tmp_path / "script.py"
     script.write_text(f"import gymnasium, lidarnaut, multiprocessing\n{start_server}\n{make}.reset(seed=0)\n")
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     done = subprocess.run([sys.executable, script], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 1
     assert re.search(r"\nRuntimeError: .*which needs `if __name__ == '__main__':`\n$", done.stderr)
