@@ -1,3 +1,4 @@
+import itertools
 import math
 from dataclasses import asdict
 from functools import partial
@@ -67,12 +68,14 @@ LOADERS = {
 }
 
 
+ROBOTS = itertools.cycle(["turtlebot3_burger", "raspimouse"])
+
+
 def make_own(kind, noise, lidar, resolution):
     return kind(lidar, LOADERS[kind][1]("default", {"resolution": resolution, "odometry_noise": noise}))
 
 
-@pytest.mark.parametrize("own", LOADERS)
-@pytest.mark.parametrize("robot", ["turtlebot3_burger", "raspimouse"])
+@pytest.mark.parametrize(("own", "robot"), [*zip(LOADERS, ROBOTS), (OwnTinySlam, "raspimouse")])
 def test_drives_by_a_kernel_equal_drives_step_by_step(own, robot):
     arguments = {**QUICK, "robot": robot, "time_limit": 40.0, "reward": {"collision": -1.0}}
     noise = asdict(load_robot(robot).odometry.noise)
@@ -203,38 +206,30 @@ def explore_by_rule(env, seed):
             return info, np.array(positions)
 
 
-def test_spaces_of_the_abstract_environment_are_those_of_the_real_one():
-    abstract, real = ExploreFrontiersAbstractEnv(**LARGER), ExploreFrontiersEnv(**LARGER)
-    assert abstract.observation_space == real.observation_space
-    assert abstract.action_space == real.action_space
-
-
-def test_abstract_worlds_are_explored_in_about_the_time_of_the_real_one():
+def test_abstract_worlds_have_the_spaces_of_the_real_one_and_are_explored_in_about_its_time():
     times = []
     abstract = ExploreFrontiersAbstractEnv(**LARGER, map_resolution=0.1)
-    for env in (abstract, ExploreFrontiersEnv(slam="truth", **LARGER)):
+    real = ExploreFrontiersEnv(slam="truth", **LARGER)
+    assert abstract.observation_space == real.observation_space
+    assert abstract.action_space == real.action_space
+    for env in (abstract, real):
         infos = [explore_by_rule(env, seed)[0] for seed in range(6)]
         assert all(info["end_reason"] == "covered" for info in infos)
         times.append(np.mean([info["time"] for info in infos]))
     assert times[0] == pytest.approx(times[1], rel=0.3)
 
 
-def test_the_abstract_robot_is_no_faster_than_it_is():
-    env = ExploreFrontiersAbstractEnv(**LARGER)
-    info, positions = explore_by_rule(env, 3)
+@pytest.mark.parametrize(("drift", "least", "most"), [((0.0, 0.0), 0.0, 1e-9), ((0.05, 0.02), 0.005, 0.25)])
+def test_the_abstract_robot_is_no_faster_than_the_real_one_and_its_pose_drifts_as_asked(drift, least, most):
+    env = ExploreFrontiersAbstractEnv(**LARGER, drift=drift)
+    info, positions = explore_by_rule(env, 0)
+    error, turn = info["pose_error"]
+    assert least <= error <= most
+    assert turn <= 0.1
     assert info["path_length"] <= env.robot.max_v * info["time"] + 1e-6
     area = env.explore.task.coverage.area
     cells = area.walls.cells(positions)
-    near = np.array([area.traversable[r - 1 : r + 2, c - 1 : c + 2].any() for r, c in cells])
-    assert near.all()
-
-
-def test_the_abstract_pose_drifts_as_asked_and_no_more():
-    for drift, least, most in (((0.0, 0.0), 0.0, 1e-9), ((0.05, 0.02), 0.005, 0.25)):
-        info, _ = explore_by_rule(ExploreFrontiersAbstractEnv(**LARGER, drift=drift), 0)
-        error, turn = info["pose_error"]
-        assert least <= error <= most
-        assert turn <= 0.1
+    assert all(area.traversable[r - 1 : r + 2, c - 1 : c + 2].any() for r, c in cells)
 
 
 def test_an_abstract_lidar_that_looks_ahead_looks_around():

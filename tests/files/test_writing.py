@@ -7,16 +7,7 @@ import sys
 import pytest
 
 from lidarnaut.envs import files
-from lidarnaut.envs.files import (
-    Lock,
-    LockedError,
-    append_file,
-    naming,
-    own_folder,
-    sweep,
-    temporary_beside,
-    write_file,
-)
+from lidarnaut.envs.files import Lock, LockedError, append_file, naming, own_folder, sweep, temporary_beside, write_file
 from lidarnaut.envs.logs.bag_writer import BagWriter
 
 

@@ -48,12 +48,17 @@ def checkout(checkouts):
     return checkouts[0]
 
 
-def run(checkout, program=PROGRAM, **variables):
+def start(checkout, program=PROGRAM, stderr=subprocess.PIPE, **variables):
     environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout.parent / "cache"), **variables}
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, cwd=checkout, capture_output=True, text=True, check=True
-    )
-    return done.stdout.split(), done.stderr
+    command = [sys.executable, "-c", program]
+    return subprocess.Popen(command, env=environment, cwd=checkout, stdout=subprocess.PIPE, stderr=stderr, text=True)
+
+
+def run(checkout, program=PROGRAM, **variables):
+    process = start(checkout, program, **variables)
+    printed, said = process.communicate()
+    assert process.returncode == 0, said
+    return printed.split(), said
 
 
 def test_kernels_are_compiled_once_for_all_checkouts_and_that_is_announced(checkouts):
@@ -268,12 +273,8 @@ def test_workers_leave_it_to_their_parent_to_say_where_kernels_are_kept(checkout
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no such locks")
 def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(checkout):
-    environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout.parent / "cache")}
-    command = [sys.executable, "-c", PROGRAM]
-    runs = [
-        subprocess.Popen(command, env=environment, cwd=checkout, stdout=subprocess.PIPE, text=True) for _ in range(3)
-    ]
-    printed = [run.communicate()[0].split() for run in runs]
+    processes = [start(checkout) for _ in range(3)]
+    printed = [process.communicate()[0].split() for process in processes]
     assert [words[:2] for words in printed] == [["7", "3"]] * 3
     for hits in zip(*(words[2:] for words in printed), strict=True):
         assert sorted(hits) == ["0", "1", "1"]
@@ -283,9 +284,7 @@ def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(checkout):
 def test_a_terminal_shows_how_many_kernels_have_been_compiled(checkout):
     ours, theirs = os.openpty()
     pytest.importorskip("termios").tcsetwinsize(theirs, (24, 80))
-    environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout)}
-    command = [sys.executable, "-c", PROGRAM]
-    subprocess.run(command, env=environment, cwd=checkout, stdout=subprocess.DEVNULL, stderr=theirs, check=True)
+    assert start(checkout, stderr=theirs).wait() == 0
     shown = os.read(ours, 100_000).decode()
     assert "compiling: 0 kernels [00:0" in shown
     assert shown.rstrip(" ").endswith("\r")

@@ -67,23 +67,6 @@ def test_where_the_task_goes_on_beyond_the_arrival_the_carrot_leads_around_the_g
     env.close()
 
 
-def test_many_environments_show_the_carrots_of_single_ones():
-    vector = gymnasium.make_vec("lidarnaut/ReachGoal-v0", 3, observations=OBSERVATIONS, num_workers=0, **WALL)
-    singles = [gymnasium.make("lidarnaut/ReachGoal-v0", observations=OBSERVATIONS, **WALL) for _ in range(3)]
-    seen = vector.reset(seed=5)[0]["carrot"]
-    np.testing.assert_array_equal(seen, [env.reset(seed=5 + k)[0]["carrot"] for k, env in enumerate(singles)])
-    for action in np.random.default_rng(0).uniform(-1, 1, (10, 3, 2)).astype(np.float32):
-        seen, *_ = vector.step(action)
-        for k, env in enumerate(singles):
-            if env.unwrapped.task.end_reason is None:
-                observation, *_ = env.step(action[k])
-                if env.unwrapped.task.end_reason is None:
-                    np.testing.assert_array_equal(seen["carrot"][k], observation["carrot"])
-    vector.close()
-    for env in singles:
-        env.close()
-
-
 def test_other_paths_and_distances_are_refused():
     with pytest.raises(ValueError, match="path of carrot"):
         gymnasium.make("lidarnaut/ReachGoal-v0", observations={"carrot": {"path": "straight"}}, **WALL)

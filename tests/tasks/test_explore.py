@@ -19,8 +19,7 @@ from tests.test_core import QUICK
 
 # Random starts that hit a moving obstacle, which `reset` refused.
 @pytest.mark.parametrize(
-    ("world", "seed"),
-    [("turtlebot3_stage_3", 4), ("turtlebot3_stage_4", 18), ("turtlebot3_dqn_stage3", 21)],
+    ("world", "seed"), [("turtlebot3_stage_3", 4), ("turtlebot3_stage_4", 18), ("turtlebot3_dqn_stage3", 21)]
 )
 def test_reset_keeps_clear_of_people(world, seed):
     env = LidarEnv(Explore, world=world, physics="kinematic", slam="truth")

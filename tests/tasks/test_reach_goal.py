@@ -12,12 +12,14 @@ from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.goals import GeodesicDistance
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
-from lidarnaut.envs.worlds import FixedRoute, World
+from lidarnaut.envs.worlds import FixedRoute
 from tests.rollouts import rollout
+from tests.rooms import make_room
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "slam": "truth"}
 STOP, AHEAD = np.zeros(2, dtype=np.float32), np.array([1.0, 0.0], dtype=np.float32)
 TO_WALL = {**QUICK, "start": (-2.0, -0.5, -math.pi / 2)}
+TO_GOAL = {**QUICK, "start": (-2.0, -0.5, 0.0), "goal": (1.4, 0.0, 0.0)}
 
 
 def drive(env, action, steps):
@@ -30,13 +32,12 @@ def drive(env, action, steps):
     return out
 
 
-def test_the_goal_is_told_in_the_frame_of_the_pose_estimate():
-    env = LidarEnv(ReachGoal, **QUICK, start=(-2.0, -0.5, math.pi / 2), goal=(0.0, -1.5, 0.0))
-    observation, info = env.reset(seed=0)
+@pytest.mark.parametrize(("given", "seen"), [("pose", [0.15, 0.0, -1.0, 0.4]), ("bearing", [0.0, -1.0])])
+def test_the_goal_is_told_in_the_frame_of_the_pose_estimate(given, seen):
+    ends = {"start": (-2.0, -0.5, math.pi / 2), "goal": (0.0, -1.5, 0.0)}
+    observation, info = LidarEnv(ReachGoal, **QUICK, **ends, goal_given=given).reset(seed=0)
     assert info["distance_to_goal"] == pytest.approx(1.5)
-    np.testing.assert_allclose(observation["goal"], [0.15, 0.0, -1.0, 0.4], atol=1e-6)
-    bearing = LidarEnv(ReachGoal, **QUICK, start=(-2.0, -0.5, math.pi / 2), goal=(0.0, -1.5, 0.0), goal_given="bearing")
-    np.testing.assert_allclose(bearing.reset(seed=0)[0]["goal"], [0.0, -1.0], atol=1e-6)
+    np.testing.assert_allclose(observation["goal"], seen, atol=1e-6)
 
 
 def test_the_pose_comes_from_odometry_or_truth_without_a_map_or_from_a_slam_with_one():
@@ -86,8 +87,7 @@ def test_geodesic_distances_are_those_of_navigation_to_a_cell():
 
 
 def test_progress_is_smooth_and_sums_up():
-    env = LidarEnv(ReachGoal, **QUICK, start=(-2.0, -0.5, 0.0), goal=(1.4, 0.0, 0.0))
-    out = drive(env, AHEAD, 100)
+    out = drive(LidarEnv(ReachGoal, **TO_GOAL), AHEAD, 100)
     progress = [step[4]["rewards"]["progress"] for step in out]
     assert np.min(progress[5:]) > 0.01
     assert np.max(progress) < 0.03
@@ -108,7 +108,7 @@ def test_a_further_goal_needs_no_reset():
 
 def test_jerk_is_that_of_the_speed_that_the_controller_reaches():
     robot = replace(load_robot("turtlebot3_burger"), max_acc_v=1.0)
-    env = LidarEnv(ReachGoal, **QUICK, robot=robot, start=(-2.0, -0.5, 0.0), goal=(1.4, 0.0, 0.0), time_limit=0.5)
+    env = LidarEnv(ReachGoal, **TO_GOAL, robot=robot, time_limit=0.5)
     # 0.1 m/s after 0.1 s, 0.2 after 0.2, then 0.22: accelerations 1, 1, 0.2, 0, 0, which change by 2 in 0.5 s.
     assert drive(env, AHEAD, 10)[-1][4]["jerk"] == pytest.approx(2.0 / 0.5)
 
@@ -128,7 +128,7 @@ def test_measures_weigh_success_by_path_time_and_the_metric_of_barn():
 
 
 def test_the_clock_of_barn_starts_when_the_robot_moves():
-    env = LidarEnv(ReachGoal, **QUICK, start=(-2.0, -0.5, 0.0), goal=(1.4, 0.0, 0.0))
+    env = LidarEnv(ReachGoal, **TO_GOAL)
     _, info = env.reset(seed=0)
     ideal = info["geodesic_distance"] / env.robot.max_v
     for _ in range(150):
@@ -149,25 +149,23 @@ def test_a_world_may_have_a_goal_of_its_own_and_a_length_that_its_benchmark_coun
         LidarEnv(ReachGoal, **QUICK, goal="world").reset(seed=0)
 
 
-def box(*routes):
-    """Return a square of 12 m; people walk between two points at a speed."""
-    corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 12.0), (0.0, 12.0)])
-    people = tuple(FixedRoute(0.3, np.array(points), speed) for points, speed in routes)
-    walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
-    return World("box", walls, np.empty((0, 3)), (Pose2D(2.0, 6.0, 0.0),), (0.0, 0.0, 12.0, 12.0), people)
+def box(points, speed):
+    """Return a square of 12 m in which a person walks between two points."""
+    person = FixedRoute(0.3, np.array(points), speed)
+    return make_room(0.0, 0.0, 12.0, 12.0, people=[person], spawn=Pose2D(2.0, 6.0, 0.0))
 
 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 @pytest.mark.parametrize(
-    ("people", "action", "robot_drove"),
+    ("route", "action", "robot_drove"),
     [
         ([((6.0, 6.0), (2.0, 6.0)), 1.0], STOP, False),
         ([((2.8, 6.0), (2.8, 6.01)), 0.001], AHEAD, True),
         ([((6.0, 6.0), (2.0, 6.0)), 1.0], 0.5 * AHEAD, False),
     ],
 )
-def test_contact_with_people_tells_by_whose_motion(people, action, robot_drove, physics):
-    settings = {"world": box(people), "physics": physics, "start": "spawn", "goal": (8.0, 2.0, 0.0)}
+def test_contact_with_people_tells_by_whose_motion(route, action, robot_drove, physics):
+    settings = {"world": box(*route), "physics": physics, "start": "spawn", "goal": (8.0, 2.0, 0.0)}
     env = LidarEnv(ReachGoal, **settings, robot="turtlebot3_waffle_pi")
     *_, (_, _, terminated, _, info) = drive(env, action, 100)
     assert terminated
@@ -181,7 +179,7 @@ def test_contact_with_people_tells_by_whose_motion(people, action, robot_drove, 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 def test_who_runs_into_a_robot_that_drives_on_is_no_wall(physics):
     """At the end of the period the robot is 6 cm ahead again."""
-    settings = {"world": box(([(0.4, 6.0), (11.0, 6.0)], 1.5)), "physics": physics, "start": "spawn"}
+    settings = {"world": box([(0.4, 6.0), (11.0, 6.0)], 1.5), "physics": physics, "start": "spawn"}
     env = LidarEnv(ReachGoal, **settings, goal=(8.0, 2.0, 0.0), robot="jackal")
     *_, (_, _, _, _, info) = drive(env, 0.3 * AHEAD, 100)
     assert (info["end_reason"], info["hit_by_person"]) == ("person", 1)
@@ -189,23 +187,23 @@ def test_who_runs_into_a_robot_that_drives_on_is_no_wall(physics):
     assert [(contact.kind, contact.by) for contact in env.simulator.contacts] == [("person", "other")]
 
 
-def stand_by(route, time):
+def stand_by(points, speed, time):
     """Return the rewards and the last info of a robot of 0.22 m that stands in the box."""
     robot = replace(load_robot("turtlebot3_waffle_pi"), radius=0.22)
     settings = {"physics": "kinematic", "start": "spawn", "goal": (8.0, 2.0, 0.0), "time_limit": time, "robot": robot}
-    out = drive(LidarEnv(ReachGoal, world=box(route), **settings), STOP, 200)
+    out = drive(LidarEnv(ReachGoal, world=box(points, speed), **settings), STOP, 200)
     return [step[4]["rewards"]["people"] for step in out], out[-1][4]
 
 
 def test_nearness_to_people_and_times_to_collision_are_measured():
-    paid, info = stand_by([((8.0, 7.02), (0.5, 7.02)), 1.0], 7.0)  # passes 0.5 m from the robot
+    paid, info = stand_by([(8.0, 7.02), (0.5, 7.02)], 1.0, 7.0)  # passes 0.5 m from the robot
     assert (info["end_reason"], info["intrusion_time"]) == ("time_limit", 0.0)
     assert info["least_gap"] == pytest.approx(0.5, abs=0.01)
     assert min(paid) > -0.001
-    _, info = stand_by([((4.0, 6.0), (3.0, 6.0)), 0.5], 2.0)  # walks at the robot, up to a gap of 0.48 m
+    _, info = stand_by([(4.0, 6.0), (3.0, 6.0)], 0.5, 2.0)  # walks at the robot, up to a gap of 0.48 m
     assert info["least_gap"] == pytest.approx(0.48)
     assert info["least_time_to_collision"] == pytest.approx(0.48 / 0.5)
-    paid, info = stand_by([((2.9, 6.0), (4.9, 6.0)), 0.5], 1.0)  # walks away, from a gap of 0.38 m
+    paid, info = stand_by([(2.9, 6.0), (4.9, 6.0)], 0.5, 1.0)  # walks away, from a gap of 0.38 m
     assert info["intrusion_time"] == pytest.approx(0.1)
     assert paid[0] == pytest.approx(-0.06 * (0.5 - 0.43) / 0.5)
     assert info["least_time_to_collision"] == 10.0

@@ -3,13 +3,11 @@
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.envs import core
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import SHARED_QUANTITIES, Rewards
-from tests.vector.test_info import compare
 
 CROWD = {"world": "rooms", "people": 6, "physics": "kinematic"}
 WEIGHTS = dict.fromkeys(SHARED_QUANTITIES, 0.1)
@@ -92,17 +90,6 @@ def test_weights_of_shared_quantities_are_per_second_of_their_magnitude():
         assert reward == pytest.approx(sum(info["rewards"].values()))
         assert w != 0.0
     assert v < 0.0
-
-
-@pytest.mark.parametrize(
-    ("id", "arguments", "reward"),
-    [
-        ("ReachGoal-v0", {**CROWD, "contact": "costs", "time_limit": 1.5}, Smooth),
-        ("ExploreTeam-v0", {"physics": "kinematic", "world": "turtlebot3_world", "time_limit": 1.5}, WEIGHTS),
-    ],
-)
-def test_vector_environments_give_the_rewards_of_single_ones(id, arguments, reward):
-    assert compare(f"lidarnaut/{id}", {**arguments, "reward": reward}, AutoresetMode.NEXT_STEP, 2) > 0
 
 
 def test_terms_of_a_team_are_sums_over_its_robots():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers import StickyAction, TimeLimit
+from gymnasium.wrappers import FlattenObservation, StickyAction, TimeLimit
 
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.task import Rewards, total
@@ -16,6 +16,7 @@ from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.vector import LidarEnvs, LidarVectorEnv
 from tests.rollouts import assert_same_info
+from tests.vector.pairs import both
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0, "slam": "odometry"}
 MODES = [(AutoresetMode.NEXT_STEP, 2), (AutoresetMode.SAME_STEP, 1), (AutoresetMode.DISABLED, 3)]
@@ -91,34 +92,24 @@ class Silent(Rewards):
 def compare(id, arguments, mode, num_workers, wrappers=(), steps=24):
     """Assert equal outputs of a vector environment and single ones; return the number of ended episodes."""
 
-    def single():
-        env = gymnasium.make(id, disable_env_checker=True, **arguments)
-        for wrapper in wrappers:
-            env = wrapper(env)
-        return env
-
-    vector = {"num_workers": num_workers, "autoreset_mode": mode, **({"env_wrappers": wrappers} if wrappers else {})}
-    envs = gymnasium.make_vec(id, 3, **vector, **arguments), SyncVectorEnv([single] * 3, autoreset_mode=mode)
-
-    def both(method, *values, **named):
+    def call(method, *values, **named):
         (*ours, our_info), (*theirs, their_info) = (getattr(env, method)(*values, **named) for env in envs)
         assert data_equivalence(ours, theirs)
         assert_same_info(our_info, their_info)
         return theirs
 
     num_ended, ended = 0, np.zeros(3, dtype=bool)
-    both("reset", seed=5)
-    envs[0].action_space.seed(0)
-    for k in range(steps):
-        if mode == AutoresetMode.DISABLED and ended.any():
-            both("reset", options={"reset_mask": ended})
-        if k in (7, 15):
-            both("reset", seed=[k, None, None], options={"reset_mask": np.array([True, False, True])})
-        _, _, terminated, truncated = both("step", envs[0].action_space.sample())
-        ended = terminated | truncated
-        num_ended += ended.sum()
-    for env in envs:
-        env.close()
+    with both(id, mode, num_workers, arguments, wrappers) as envs:
+        call("reset", seed=5)
+        envs[0].action_space.seed(0)
+        for k in range(steps):
+            if mode == AutoresetMode.DISABLED and ended.any():
+                call("reset", options={"reset_mask": ended})
+            if k in (7, 15):
+                call("reset", seed=[k, None, None], options={"reset_mask": np.array([True, False, True])})
+            _, _, terminated, truncated = call("step", envs[0].action_space.sample())
+            ended = terminated | truncated
+            num_ended += ended.sum()
     return num_ended
 
 
@@ -198,18 +189,19 @@ def limited(**arguments):
     return TimeLimit(LidarEnv(**arguments), 7)
 
 
-def test_environments_that_are_made_with_a_wrapper_may_have_a_limit_of_steps():
-    for limit, steps in ((np.int64(3), 3), (9, 7)):
-        env = LidarVectorEnv(limited, 1, task=Explore, max_episode_steps=limit, num_workers=1, **QUICK)
-        env.reset(seed=0)
-        assert [bool(env.step(np.zeros((1, 2)))[3][0]) for _ in range(steps)] == [False] * (steps - 1) + [True]
-        env.close()
+LIMITS = [(limited, np.int64(3), (), 3), (limited, 9, (), 7), (LidarEnv, 7, [FlattenObservation], 7)]
 
 
-def test_minus_one_is_no_limit_of_steps():
-    env = LidarEnvs(1, task=Explore, max_episode_steps=-1, time_limit=1.0, **QUICK)
+@pytest.mark.parametrize(("make", "limit", "wrappers", "steps"), [*LIMITS, (LidarEnv, -1, (), 10)])
+def test_the_number_of_steps_is_limited_by_the_lowest_limit_and_minus_one_is_none(make, limit, wrappers, steps):
+    arguments = {"max_episode_steps": limit, "env_wrappers": wrappers, "time_limit": 2.0, **QUICK}
+    env = LidarVectorEnv(make, 2, task=Explore, num_workers=1, **arguments)
     env.reset(seed=0)
-    assert [bool(env.step(np.zeros((1, 2)))[3][0]) for _ in range(5)] == [False] * 4 + [True]
+    for k in range(1, steps + 1):
+        observation, _, _, truncated, info = env.step(np.zeros((2, 2)))
+        assert observation in env.observation_space
+        assert truncated.tolist() == [k == steps] * 2
+    assert wrappers or make is limited or info["end_reason"].tolist() == ["time_limit"] * 2
     env.close()
 
 

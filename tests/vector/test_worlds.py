@@ -11,14 +11,16 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence as same
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode
 
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.vector import LidarEnvs, LidarVectorEnv
 from lidarnaut.envs.worlds import world_sampler
 from tests.rollouts import step_both
+from tests.vector.pairs import both
 
+ID = "lidarnaut/Explore-v0"
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0, "slam": "odometry"}
 ROBOT = {"robot": "turtlebot3_burger", "world_size": None, "time_limit": 1.0}
 ROOMS = world_sampler("rooms", size=(6.0, 6.0), radius=0.1)
@@ -90,18 +92,6 @@ class Called(Levels):
     size = None
 
 
-def both(num_workers, mode, arguments, wrappers=(), num_envs=3):
-    def single():
-        env = gymnasium.make("lidarnaut/Explore-v0", disable_env_checker=True, **arguments)
-        for wrapper in wrappers:
-            env = wrapper(env)
-        return env
-
-    how = {"num_workers": num_workers, "autoreset_mode": mode, **({"env_wrappers": wrappers} if wrappers else {})}
-    ours = gymnasium.make_vec("lidarnaut/Explore-v0", num_envs, **how, **arguments)
-    return ours, SyncVectorEnv([single] * num_envs, autoreset_mode=mode)
-
-
 OWN = {
     "task that draws": {"task": Drawing, "time_limit": 1.0},
     "threads": {"world": threads, **ROBOT},
@@ -116,13 +106,11 @@ OWN = {
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize(("case", "mode", "num_workers"), [(case, *MODES[k % 2]) for k, case in enumerate(OWN)])
 def test_worlds_and_tasks_of_users_do_as_in_single_environments(case, mode, num_workers):
-    ours, theirs = both(num_workers, mode, {**QUICK, **OWN[case]})
     worlds = set()
-    for _ in step_both(ours, theirs, np.full((14, 3, 2), 0.3)):
-        worlds |= {world.segments.tobytes() for world in ours.get_attr("world")}
+    with both(ID, mode, num_workers, {**QUICK, **OWN[case]}) as (ours, theirs):
+        for _ in step_both(ours, theirs, np.full((14, 3, 2), 0.3)):
+            worlds |= {world.segments.tobytes() for world in ours.get_attr("world")}
     assert len(worlds) >= (2 if case == "made once" else 6)
-    ours.close()
-    theirs.close()
 
 
 def test_samplers_with_a_memory_are_called_for_the_worlds_that_are_needed_alone():
@@ -136,28 +124,25 @@ def test_samplers_with_a_memory_are_called_for_the_worlds_that_are_needed_alone(
 
 @pytest.mark.parametrize(("wrapper", "mode", "num_workers"), [(Called, *MODES[0]), (Levels, *MODES[1])])
 def test_the_next_episode_has_the_next_level(wrapper, mode, num_workers):
-    ours, theirs = both(num_workers, mode, {**QUICK, "time_limit": 1.0}, [wrapper])
-    for k, _ in enumerate(step_both(ours, theirs, np.full((20, 3, 2), 0.3))):
-        if wrapper is Called and k in (2, 4, 11):  # also in the step that ends an episode
-            for env in (ours, theirs):
-                env.call("set_size", 7.0 + 0.5 * k)
-    sizes = [float(np.ptp(world.segments[:, ::2])) for world in ours.get_attr("world")]
+    with both(ID, mode, num_workers, {**QUICK, "time_limit": 1.0}, [wrapper]) as envs:
+        for k, _ in enumerate(step_both(*envs, np.full((20, 3, 2), 0.3))):
+            if wrapper is Called and k in (2, 4, 11):  # also in the step that ends an episode
+                for env in envs:
+                    env.call("set_size", 7.0 + 0.5 * k)
+        sizes = [float(np.ptp(world.segments[:, ::2])) for world in envs[0].get_attr("world")]
     assert min(sizes) > 7.0
-    ours.close()
-    theirs.close()
 
 
 def test_errors_of_samplers_are_raised_when_the_world_is_needed_and_then_gone():
-    ours, theirs = both(1, AutoresetMode.NEXT_STEP, {**QUICK, **ROBOT, "world": Sometimes()}, num_envs=1)
     outcomes = [], []
-    for env, seen in zip((ours, theirs), outcomes):
-        for k in range(8):
-            try:
-                seen.append(env.reset(seed=k if k in (0, 5) else None)[0])
-                seen += [env.step(np.zeros((1, 2)))[0] for _ in range(7)]
-            except ValueError as error:
-                seen.append(str(error))
-        env.close()
+    with both(ID, AutoresetMode.NEXT_STEP, 1, {**QUICK, **ROBOT, "world": Sometimes()}, num_envs=1) as envs:
+        for env, seen in zip(envs, outcomes):
+            for k in range(8):
+                try:
+                    seen.append(env.reset(seed=k if k in (0, 5) else None)[0])
+                    seen += [env.step(np.zeros((1, 2)))[0] for _ in range(7)]
+                except ValueError as error:
+                    seen.append(str(error))
     assert same(*outcomes)
     assert 3 <= outcomes[0].count("no world") < 8
 
