@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
-import lidarnaut  # noqa: F401
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.randomization import RANDOMIZABLE, Randomization

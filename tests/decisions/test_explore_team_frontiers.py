@@ -5,6 +5,7 @@ import pytest
 from lidarnaut.baselines import make_explorer
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.decisions.explore_team_frontiers import ExploreTeamFrontiersEnv
+from tests.rollouts import rollout
 
 ROOMS = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic"}
 
@@ -54,10 +55,7 @@ def test_policies_for_one_robot_explore_with_all_of_them():
 def test_an_episode_ends_when_no_robot_has_a_frontier_left():
     arguments = {"world": "pimouse_arena", "physics": "kinematic", "slam": "truth", "target_coverage": 1.0}
     env = ExploreTeamFrontiersEnv(num_robots=2, **arguments)
-    env.reset(seed=0)
-    terminated = truncated = False
-    while not (terminated or truncated):
-        _, _, terminated, truncated, info = env.step(np.int64(0))
+    *_, terminated, _, info = rollout(env, 0, 1000, lambda _: np.int64(0))[-1]
     assert terminated
     assert info["end_reason"] in ("covered", "no_reachable_frontier")
 

@@ -2,18 +2,11 @@ import gymnasium
 import numpy as np
 import pytest
 
-import lidarnaut  # noqa: F401
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.navigation.maps.obstacles import stoppable_share
 from lidarnaut.envs.robots import load_robot
 
-CLUTTER = {
-    "id": "lidarnaut/ReachClutter-v0",
-    "world": "clutter",
-    "difficulty": 0.3,
-    "contact": "costs",
-    "time_limit": 1e3,
-}
+CLUTTER = {"id": "lidarnaut/ReachClutter-v0", "difficulty": 0.3, "contact": "costs", "time_limit": 1e3}
 
 
 def drive_blindly(seed, **arguments):

@@ -4,7 +4,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-import lidarnaut  # noqa: F401
 from lidarnaut.envs.worlds.world import FixedRoute
 from tests.rooms import square_room
 

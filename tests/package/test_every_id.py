@@ -17,13 +17,8 @@ from tests.test_contract import TASKS
 
 pytestmark = pytest.mark.usefixtures("no_curves", "no_workers", "no_overview")
 
-CLASSIC = {
-    "Navigate": "pursuit",
-    "Dock": "dock",
-    "Sweep": "spiral",
-    "Track": "route_follower",
-    "ExploreTeam": "rrt_team",
-}
+CLASSIC = {"Navigate": "pursuit", "Dock": "dock", "Sweep": "spiral", "Track": "route_follower"}
+CLASSIC |= {"ExploreTeam": "rrt_team"}
 """Classic policy by id; explorations have `nearest`, goals in unknown worlds `pursuit`."""
 
 

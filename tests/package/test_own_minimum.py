@@ -7,8 +7,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.core import LidarEnv
 
 SLAM = """
 import numpy as np
@@ -46,6 +46,11 @@ class Mine(Explorer):
 """
 
 
+def made(source):
+    exec(source, namespace := {"__name__": "mine"})
+    return namespace
+
+
 def names_in(source):
     """Return the names of the package that a source text uses: imported, defined by a base class, or read."""
     found = set()
@@ -67,19 +72,13 @@ def names_in(source):
 )
 def test_few_names_make_a_part_that_works_in_an_episode(source, most):
     assert len(names_in(source)) <= most
-    namespace = {"__name__": "mine"}
-    exec(source, namespace)
-    own, arguments, explorer = namespace["Mine"], {}, namespace["Mine"]
-    if source is not EXPLORER:
-        exec(EXPLORER, explorers := {"__name__": "mine"})
-        explorer = explorers["Mine"]
-    id = "lidarnaut/Explore-v0"
+    own, arguments, id = made(source)["Mine"], {}, "lidarnaut/Explore-v0"
     if source in (SLAM, ESTIMATOR):
         arguments["slam"] = own if source is SLAM else lambda lidar, resolution: own()
     if source is TASK:
         id = gymnasium.envs.registration.EnvSpec("Mine-v0", "lidarnaut.envs.core:LidarEnv", kwargs={"task": own})
     env = gymnasium.make(id, physics="kinematic", time_limit=2.0, **arguments)
-    episode = run_episode(env, explorer(), seed=0)
+    episode = run_episode(env, made(EXPLORER)["Mine"](), seed=0)
     assert (episode.end_reason, episode.duration) == ("time_limit", 2.0)
     assert episode.path_length > 0.1
     assert episode.position_rmse < 0.1
@@ -87,10 +86,7 @@ def test_few_names_make_a_part_that_works_in_an_episode(source, most):
 
 
 def test_a_task_without_methods_is_an_environment():
-    exec(TASK, namespace := {"__name__": "mine"})
-    from lidarnaut.envs.core import LidarEnv
-
-    class Fast(namespace["UnknownWorldTask"]):
+    class Fast(made(TASK)["UnknownWorldTask"]):
         weights = {"forward_speed": 1.0}
 
     env = LidarEnv(Fast, physics="kinematic")

@@ -10,7 +10,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-import lidarnaut  # noqa: F401
 from lidarnaut.envs.navigation import CANDIDATE
 from lidarnaut.envs.navigation.controllers.navigator_kernels import NAVIGATOR
 from lidarnaut.envs.slam import SLAM_NAMES

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from lidarnaut.envs.robots import ROBOT_NAMES, OdometryNoise, load_robot
+from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
 
 DISTANCE, TURN = 0.2, 0.3
 """Motion between two key scans [m], [rad]."""
@@ -78,8 +78,3 @@ def test_noise_in_the_library_follows_from_what_is_simulated(name):
         bias = TURN * abs(scale * odometry.track / drive.track - 1.0)
         slipped = drive.slip_std * math.sqrt(TURN / drive.track)
         assert math.hypot(slipped, bias) <= turning <= 2 * (slipped + bias)
-
-
-def test_noise_is_never_zero():
-    with pytest.raises(ValueError, match=r"heading_std\n.*greater than 0"):
-        OdometryNoise(heading_std=0.0)

@@ -106,14 +106,11 @@ def test_robots_start_close_together_or_out_of_sight_only_where_there_is_no_room
     check_starts(starts(4), BURGER.radius, corridor)
 
 
-def test_peers_are_seen():
+def test_peers_are_seen_and_shown_by_position_and_heading_which_saturate():
     _, observation, _ = team_in(hall(), ((1.0, 2.0, 0.0), (3.0, 2.0, math.pi)))
     seen = observation["scan"][:, np.argmin(np.abs(BURGER.lidar.angles))] * BURGER.lidar.range_max
     assert seen == pytest.approx([2.0 - BURGER.radius - BURGER.lidar.mount.x] * 2, abs=0.05)
     np.testing.assert_allclose(observation["teammates"], [[2 / PEERS_RANGE, 0, -1, 0]] * 2, atol=1e-6)
-
-
-def test_peers_are_shown_by_position_and_heading_and_saturate():
     start = ((1.0, 1.0, math.pi / 2), (1.0, 3.5, 0.0), (39.0, 1.0, math.pi / 2))
     _, observation, _ = team_in(hall(40.0), start, slam="truth")
     np.testing.assert_allclose(observation["teammates"][0], [2.5 / PEERS_RANGE, 0, 0, -1, 0, -1, 1, 0], atol=1e-6)

@@ -4,7 +4,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-import lidarnaut  # noqa: F401
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.envs.core import LidarEnv

@@ -23,13 +23,7 @@ TO_GOAL = {**QUICK, "start": (-2.0, -0.5, 0.0), "goal": (1.4, 0.0, 0.0)}
 
 
 def drive(env, action, steps):
-    env.reset(seed=0)
-    out = []
-    for _ in range(steps):
-        out.append(env.step(action))
-        if out[-1][2] or out[-1][3]:
-            break
-    return out
+    return rollout(env, 0, steps, lambda _: action)[1:]
 
 
 @pytest.mark.parametrize(("given", "seen"), [("pose", [0.15, 0.0, -1.0, 0.4]), ("bearing", [0.0, -1.0])])

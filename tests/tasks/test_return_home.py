@@ -4,7 +4,6 @@ import pickle
 import numpy as np
 import pytest
 
-import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines import make_explorer
 from lidarnaut.baselines.episode import begin_episode, decide_with, run
 from lidarnaut.envs.core import LidarEnv

@@ -1,10 +1,11 @@
 """Rewards of one's own: shared quantities, weights, and what is wrong with them."""
 
+import math
+
 import gymnasium
 import numpy as np
 import pytest
 
-import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.envs import core
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import SHARED_QUANTITIES, Rewards
@@ -156,10 +157,7 @@ def returning(terms):
 
 WRONG = {
     "unknown quantity": (lambda q: {"fast": q["speed"]}, r"unknown quantity 'speed' \(did you mean .*forward_speed"),
-    "NaN": (
-        lambda q: {"time": 0.1, "fast": float("nan")},
-        r"reward Mine must return finite numbers .* \{'fast': nan\}",
-    ),
+    "NaN": (lambda q: {"time": 0.1, "fast": math.nan}, r"reward Mine must return finite numbers .* \{'fast': nan\}"),
     "None": (lambda q: {"fast": None, "time": 1.0}, r"reward Mine .*\{'fast': None\}"),
     "text": (lambda q: {"fast": "1"}, r"reward Mine .*\{'fast': '1'\}"),
     "array": (lambda q: {"fast": np.ones(1)}, r"reward Mine .*\{'fast': array"),
