@@ -1,3 +1,4 @@
+import functools
 import io
 import os
 import re
@@ -82,22 +83,15 @@ def test_wrong_settings_are_one_plain_line_under_the_name_that_was_called(main, 
     assert said.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("run", "program", "arguments", "says"),
-    [
-        (
-            runpy.run_module,
-            "lidarnaut.benchmarks.drives",
-            ["planning", "--worlds", "atlantis"],
-            "drives: unknown world 'atlantis'",
-        ),
-        (runpy.run_path, str(ROOT / "benchmarks/films.py"), ["--policy"], "films.py: "),
-    ],
-)
-def test_commands_end_with_a_message(run, program, arguments, says, capsys, monkeypatch):
-    monkeypatch.setattr(sys, "argv", [program, *arguments])
+DRIVES, FILMS = "lidarnaut.benchmarks.drives planning --worlds atlantis", f"{ROOT}/benchmarks/films.py --policy"
+
+
+@pytest.mark.parametrize(("command", "says"), [(DRIVES, "drives: unknown world 'atlantis'"), (FILMS, "films.py: ")])
+def test_commands_end_with_a_message(command, says, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", command.split())
+    run = functools.partial(runpy.run_module, alter_sys=True) if command is DRIVES else runpy.run_path
     with pytest.raises(SystemExit) as stop:
-        run(program, run_name="__main__", **({"alter_sys": True} if run is runpy.run_module else {}))
+        run(sys.argv[0], run_name="__main__")
     assert stop.value.code == 2
     assert says in " ".join("".join(capsys.readouterr()).split())
 

@@ -186,8 +186,9 @@ def test_a_damaged_kernel_is_compiled_again(compiled, tmp_path, damage):
     result, said = run(compiled)
     assert result == ["7", "3", "0", "0"]
     assert not (tmp_path / "executed").exists()
-    assert sum(str(path) in said for path in files) == said.count("is compiled again") == 1
-    assert ("it is damaged" in said) == (damage != "folder")
+    assert said.count("is compiled again") == 1
+    assert said.count("it is damaged") == (damage != "folder")
+    assert any(str(path) in said for path in files)
     assert damage != "half" or run(compiled) == (["7", "3", "1", "1"], "")
 
 

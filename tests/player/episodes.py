@@ -44,22 +44,13 @@ def synthetic(
         cells, changes = [np.empty(0, dtype=int)] * n, [np.empty(0, dtype=int)] * n
         decisions, candidates = decisions[:0], candidates[:0]
     num_bodies = len(about.get("bodies", [""]))
+    about |= {"explorer": explorer, "world": "hall", "robot": "burger", "radius": 0.15, "start": [0.0, 0.0, 0.0]}
+    about |= {"seed": seed, "end_reason": "time_limit", "progress": "explored", "figures": {"explored [%]": "100.0"}}
+    about["lidar"] = {"range_max": 3.5, "mount": [0.0, 0.0, 0.0], "angles": angles.tolist(), "is_full_turn": True}
+    about["map"] = {"shape": [rows, columns], "resolution": resolution, "origin": [0.0, 0.0]}
+    about["floor"] = {"resolution": resolution, "origin": [0.0, 0.0]}
     return Recording.of(
-        about=about
-        | {
-            "explorer": explorer,
-            "world": "hall",
-            "robot": "burger",
-            "seed": seed,
-            "end_reason": "time_limit",
-            "radius": 0.15,
-            "progress": "explored",
-            "lidar": {"range_max": 3.5, "mount": [0.0, 0.0, 0.0], "angles": angles.tolist(), "is_full_turn": True},
-            "start": [0.0, 0.0, 0.0],
-            "map": {"shape": [rows, columns], "resolution": resolution, "origin": [0.0, 0.0]},
-            "floor": {"resolution": resolution, "origin": [0.0, 0.0]},
-            "figures": {"explored [%]": "100.0"},
-        },
+        about=about,
         time=time,
         true_poses=true_poses,
         poses=np.column_stack([true_poses[:, :2] + noise, true_poses[:, 2]]),

@@ -79,20 +79,6 @@ def test_shared_quantities_are_true_values_at_the_end_of_the_step(physics):
     assert (np.ptp(varied, axis=0) > 0.0).all()
 
 
-def test_weights_of_shared_quantities_are_per_second_of_their_magnitude():
-    task = {"id": "lidarnaut/ExploreTurtleBot3World-v0", "physics": "kinematic", "control_hz": 5.0}
-    env = gymnasium.make(**task, reward={"yaw_rate": -0.1, "forward_speed": 0.5, "time": 0.0})
-    env.reset(seed=0)
-    for action in ([0.5, -1.0], [-1.0, 1.0], [-1.0, -0.5]):
-        _, reward, _, _, info = env.step(np.array(action, dtype=np.float32))
-        v, w = env.unwrapped.truths[0].state.twist
-        assert info["rewards"]["yaw_rate"] == pytest.approx(-0.1 * 0.2 * abs(w))
-        assert info["rewards"]["forward_speed"] == pytest.approx(0.5 * 0.2 * v)
-        assert reward == pytest.approx(sum(info["rewards"].values()))
-        assert w != 0.0
-    assert v < 0.0
-
-
 def test_terms_of_a_team_are_sums_over_its_robots():
     env = gymnasium.make("lidarnaut/ExploreTeam-v0", num_robots=3, physics="kinematic", reward=Notes)
     weighted = gymnasium.make("lidarnaut/ExploreTeam-v0", num_robots=3, physics="kinematic", reward=WEIGHTS)

@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -117,13 +118,10 @@ def covered(tours, shape, width):
     """Return the cells within half a lane of the tours' lines."""
     mask = np.zeros(shape, dtype=bool)
     for patch in tours:
-        for a, b in zip(patch[0][:-1], patch[0][1:]):
-            for share in np.linspace(0.0, 1.0, 200):
-                row, col = np.round(a + share * (b - a)).astype(int)
-                mask[
-                    max(row - width // 2, 0) : row + width // 2 + 1, max(col - width // 2, 0) : col + width // 2 + 1
-                ] = True
-    return mask
+        for a, b in itertools.pairwise(patch[0]):
+            cells = a + np.linspace(0.0, 1.0, 200)[:, None] * (b - a)
+            mask[tuple(np.round(cells).astype(int).T)] = True
+    return ndimage.maximum_filter(mask, width // 2 * 2 + 1)
 
 
 FREE = np.ones((48, 60), dtype=bool)
