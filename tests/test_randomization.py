@@ -82,11 +82,9 @@ def test_lidars_are_as_drawn_and_the_robot_is_told_nothing():
 def drive_ahead(physics, steps, **values):
     """Drive straight on with fixed values; return the environment and the last `info`."""
     env = LidarEnv(Explore, **{**HALL, "physics": physics}, randomize=fixed(**values))
-    env.reset(seed=0)
-    for _ in range(steps):
-        *_, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
+    out = rollout(env, 0, steps, lambda _: np.array([1.0, 0.0], dtype=np.float32))
     env.close()
-    return env, info
+    return env, out[-1][4]
 
 
 @pytest.mark.parametrize("physics", ["kinematic", BULLET])

@@ -257,8 +257,8 @@ def test_m_saves_the_known_map_and_c_says_that_amcl_tests_no_poses(navigating, k
 
 def test_a_known_map_and_people_by_options(known_map):
     pygame.display.init()
-    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_l))
-    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_q))
+    for key in (pygame.K_l, pygame.K_q):
+        pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=key))
     options = ["--physics", "kinematic", "--people", "3", "--map-pose", "-2", "-0.5", "0"]
     run_command(main, [*options, "--map", str(known_map)])
 

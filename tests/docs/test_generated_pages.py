@@ -37,9 +37,6 @@ def test_environments_have_a_page_with_picture_spaces_and_docstring(pages):
         assert (DOCS / picture).stat().st_size < 500_000, name
         for part in ("**action space**", "**observation space**", "## Rewards", "## Episode End", "## Arguments"):
             assert part in pages[name], (name, part)
-
-
-def test_cards_of_explorations_differ(pages):
     texts = re.findall(r":img-alt: (lidarnaut/Explore\w*-v0)\n\n(.*)\n", pages["index.md"])
     assert len(texts) >= 8
     assert len({text for _, text in texts}) == len(texts)

@@ -56,9 +56,6 @@ def test_frontiers_are_ordered_by_a_rating_of_ones_own(rating):
     assert len(costs[0]) >= 2
     assert (np.diff(costs[1]) <= 0).all()
     assert costs[1][0] > costs[0][0]
-
-
-def test_a_rating_with_another_number_of_scores_is_refused():
     env = LidarEnv(Explore, **ROOMS | {"observations": {"plan": {"rating": lambda: lambda navigator, belief: [1.0]}}})
     with pytest.raises(ValueError, match=r"rating of plan must return \d+ scores, got shape \(1,\)"):
         env.reset(seed=3)

@@ -146,7 +146,7 @@ def test_painted_grid_equals_looking_up_every_pixel():
     np.testing.assert_array_equal(image, expected)
 
 
-def test_human_draws_into_a_window_and_keeps_pace():
+def test_human_draws_into_a_window_and_keeps_pace_and_wrong_arguments_are_named():
     import pygame
 
     renderer = Renderer("human", 20)
@@ -161,6 +161,9 @@ def test_human_draws_into_a_window_and_keeps_pace():
     renderer.close()
     assert other.draw(make_scene()) is None, "closing one window leaves the others open"
     other.close()
+    for arguments, culprit in ((("ascii", 10), "ascii"), (("human", 0), "fps")):
+        with pytest.raises(ValueError, match=culprit):
+            Renderer(*arguments)
 
 
 def test_arrays_need_no_display_and_import_needs_no_pygame():
@@ -184,12 +187,6 @@ except RuntimeError as error:
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith("cannot open a window"), "and nothing else, such as pygame's greeting"
     assert "SDL_VIDEODRIVER=dummy" in result.stdout
-
-
-@pytest.mark.parametrize(("arguments", "culprit"), [(("ascii", 10), "ascii"), (("human", 0), "fps")])
-def test_bad_arguments_are_named(arguments, culprit):
-    with pytest.raises(ValueError, match=culprit):
-        Renderer(*arguments)
 
 
 def test_nodes_and_loop_closures_are_drawn_where_there_are_any(renderer):

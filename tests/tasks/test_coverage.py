@@ -11,6 +11,7 @@ from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.tasks.coverage import Coverage, map_iou
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.worlds import FixedRoute, explorable_area
+from tests.rollouts import rollout
 from tests.rooms import BURGER, ORIGIN, make_room
 
 ROOM = make_room(0.0, 0.0, 2.02, 3.02, spawn=Pose2D(0.5, 0.5, 0.0))
@@ -91,12 +92,6 @@ def test_a_perfect_map_of_what_was_seen_covers_everything_however_it_is_turned(t
     assert add(update_of(EVERYTHING)) == 0.0
 
 
-def test_cells_beyond_the_walls_earn_nothing():
-    _, coverage, add = begin(ROOM)
-    assert add(update_of(np.zeros((40, 40), dtype=np.int8), (5.0, 5.0))) == 0.0  # a map with an error of five metres
-    assert coverage.explored_area == 0.0
-
-
 def test_what_the_map_knows_counts_once_a_true_scan_sees_it():
     # Two halves with a door: little of the right half is visible from the left.
     start = Pose2D(0.5, 1.7, 0.0)
@@ -109,8 +104,10 @@ def test_what_the_map_knows_counts_once_a_true_scan_sees_it():
     assert coverage.explored_area == pytest.approx(gained + later)
 
 
-def test_a_redrawn_map_counts_as_it_is_now():
+def test_cells_beyond_the_walls_earn_nothing_and_a_redrawn_map_counts_as_it_is_now():
     area, coverage, add = begin(ROOM)
+    assert add(update_of(np.zeros((40, 40), dtype=np.int8), (5.0, 5.0))) == 0.0  # a map with an error of five metres
+    assert coverage.explored_area == 0.0
     add(update_of(EVERYTHING))
     half = np.full((200, 200), -1, dtype=np.int8)
     half[:100] = 0
@@ -174,10 +171,9 @@ def test_a_blocked_robot_that_turns_its_wheels_earns_only_what_it_sees(slam):
     blocker = FixedRoute(0.4, np.array([[6.0, 0.5], [6.0, 0.501]]), 0.001)
     corridor = make_room(0.0, 0.0, 32.0, 1.0, people=[blocker], spawn=Pose2D(5.0, 0.5, 0.0))
     env = LidarEnv(Explore, world=corridor, physics="kinematic", slam=slam, start="spawn", time_limit=200.0)
-    env.reset(seed=0)
-    for _ in range(1200):
-        _, _, terminated, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
-        assert not terminated
+    out = rollout(env, 0, 1200, lambda _: np.array([1.0, 0.0], dtype=np.float32))
+    info = out[-1][4]
+    assert len(out) == 1 + 1200
     # The robot stands between 5 m and 5.5 m, and sees 3.5 m back and less than a metre ahead.
     assert info["pose_error"][0] > 0.2
     assert info["explored_fraction"] < 4.9 / 32.0

@@ -5,13 +5,12 @@ import gymnasium
 import numpy as np
 import pytest
 
-from lidarnaut.baselines import policies_for
-from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation.goals.docking import DOCK_GAP, find_front
 from lidarnaut.envs.tasks.dock import Dock, with_stations
 from lidarnaut.envs.worlds import load_world
+from tests.rollouts import play
 from tests.rooms import make_room
 
 STOP = np.zeros(2, dtype=np.float32)
@@ -24,8 +23,7 @@ DOCKED = {**WAREHOUSE, "localizer": "truth", "start": (14.65 - 0.369 - DOCK_GAP 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 def test_the_classic_policy_docks_without_contact(setting, start, physics):
     env = gymnasium.make("lidarnaut/Dock-v0", **setting | {"physics": physics, "start": start}).unwrapped
-    env.reset(seed=0)
-    episode = run_episode(env, policies_for(env)["dock"](), 0)
+    episode = play(env, "dock")
     assert (episode.end_reason, episode.collisions) == ("docked", 0)
     assert episode.distance_to_goal <= 0.01
     assert episode.heading_error <= math.radians(3.0)
@@ -72,8 +70,7 @@ def test_a_docked_robot_is_charged_up_to_the_target():
 
 def test_the_policy_stays_at_the_station_until_the_battery_is_charged():
     env = LidarEnv(Dock, **DOCKED | {"start": (13.0, -10.6, 0.0)}, start_charge=(0.5, 0.5), target_charge=0.5003)
-    env.reset(seed=0)
-    episode = run_episode(env, policies_for(env)["dock"](), 0)
+    episode = play(env, "dock")
     docked = episode.history.of("is_docked")
     assert episode.end_reason == "docked"
     assert docked[docked.argmax() :].all()
@@ -117,9 +114,7 @@ def test_an_empty_battery_ends_the_episode():
 def test_the_policy_gives_up_without_a_charging_current(monkeypatch):
     env = LidarEnv(Dock, **DOCKED | {"start": (13.0, -10.6, 0.0)})
     monkeypatch.setattr(Dock, "_is_at_goal", lambda task: False)
-    env.reset(seed=0)
-    policy = policies_for(env)["dock"]()
-    episode = run_episode(env, policy, 0)
+    episode = play(env, "dock")
     assert (episode.end_reason, episode.collisions) == ("not_charging", 0)
     assert 4.0 * 0.9 < episode.path_length < 10.0
 

@@ -60,16 +60,13 @@ def test_robots_start_near_each_other_in_sight_and_with_known_relative_poses():
             assert math.dist(pose[:2], poses[0][:2]) <= 2.0
 
 
-def test_starts_can_be_chosen_but_not_in_each_other():
+def test_starts_can_be_chosen_but_not_in_each_other_and_not_for_more_robots_than_fit():
     poses = ((1.0, 1.0, 0.5), (2.0, 1.0, -0.5))
     for start in (poses, np.array(poses)):
         env, *_ = team_in(hall(), start)
         assert tuple(tuple(truth.state.pose) for truth in env.truths) == poses
     with pytest.raises(ValueError, match="robots 0 and 1"):
         team_in(hall(), ((1.0, 1.0, 0.0), (1.2, 1.0, 0.0)))
-
-
-def test_more_robots_than_fit_are_refused():
     closet = replace(hall(0.5, 0.5), spawns=(Pose2D(0.25, 0.25, 0.0),))
     env = LidarEnv(ExploreTeam, world=closet, physics="kinematic", num_robots=4, start="spawn")
     with pytest.raises(ValueError, match="num_robots = 4"):

@@ -4,7 +4,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
@@ -14,7 +13,7 @@ from lidarnaut.envs.rendering import style
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.worlds import World, save_map
-from tests.rollouts import rollout
+from tests.rollouts import play, rollout
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic"}
 TRUE = {**QUICK, "localizer": "truth"}
@@ -51,8 +50,7 @@ def test_goals_need_a_heading_only_if_one_is_asked_for_and_change_without_a_rese
 def test_classic_policies_take_the_heading_of_the_goal(policy):
     settings = {"start": (-2.0, -0.5, 0.0), "goal": (-1.2, -0.5, 2.5), "goal_tolerance": 0.1, "heading_tolerance": 0.1}
     env = LidarEnv(Navigate, **TRUE, **settings)
-    env.reset(seed=0)
-    episode = run_episode(env, policies_for(env)[policy](), 0)
+    episode = play(env, policy)
     assert (episode.end_reason, episode.collisions) == ("reached", 0)
     assert episode.duration < 12.0
 

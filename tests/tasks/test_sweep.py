@@ -6,12 +6,12 @@ import pytest
 from scipy import ndimage
 
 from lidarnaut.baselines import policies_for
-from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.sweep import boustrophedon, spiral
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.tasks.coverage import Frame
 from lidarnaut.envs.tasks.sweep import Sweep, sweep
+from tests.rollouts import play
 from tests.rooms import make_room
 
 AHEAD = np.array([1.0, 0.0], dtype=np.float32)
@@ -61,8 +61,7 @@ def test_a_straight_drive_sweeps_a_strip_of_the_robots_width():
 )
 def test_classic_policies_sweep_until_the_target(world, robot, name):
     env = LidarEnv(Sweep, world=world, robot=robot, physics="kinematic", start="spawn")
-    env.reset(seed=0)
-    episode = run_episode(env, policies_for(env)[name](), 0)
+    episode = play(env, name)
     assert episode.end_reason == "swept"
     assert set(policies_for(env)) == {"boustrophedon", "spiral", "bounce", "random", "wall_follower"}
     if world is ROOM:
@@ -74,13 +73,11 @@ def test_classic_policies_sweep_until_the_target(world, robot, name):
 def test_a_policy_goes_on_until_the_time_limit_if_floor_is_left(monkeypatch):
     small = make_room(0.0, 0.0, 0.6, 0.6, spawn=Pose2D(0.3, 0.3, 0.0))
     env = LidarEnv(Sweep, **SETTINGS | {"world": small, "robot": "create3"}, target_swept=1.0, time_limit=40.0)
-    env.reset(seed=0)
-    episode = run_episode(env, policies_for(env)["boustrophedon"](), 0)
+    episode = play(env, "boustrophedon")
     assert (episode.end_reason, episode.collisions) == ("time_limit", 0)
     assert episode.swept_fraction > 0.6
     monkeypatch.setattr("lidarnaut.baselines.sweep.travel_field", lambda *_: None)  # no reachable floor
-    env.reset(seed=0)
-    assert run_episode(env, policies_for(env)["boustrophedon"](), 0).end_reason == "no_floor_left"
+    assert play(env, "boustrophedon").end_reason == "no_floor_left"
 
 
 def test_cells_at_walls_that_the_body_cannot_reach_are_no_floor():
@@ -101,7 +98,7 @@ def test_a_lost_robot_is_localized_before_the_plan():
     env = LidarEnv(Sweep, **settings, physics="kinematic", time_limit=150.0)
     _, info = env.reset(seed=0)
     assert info["is_lost"]
-    episode = run_episode(env, policies_for(env)["boustrophedon"](), 0)
+    episode = play(env, "boustrophedon")
     assert (episode.end_reason, episode.history.final["is_lost"]) == ("time_limit", False)
     assert episode.swept_fraction > 0.1
 
@@ -109,8 +106,7 @@ def test_a_lost_robot_is_localized_before_the_plan():
 def test_bounces_sweep_more_than_random_commands():
     env, swept = LidarEnv(Sweep, **SETTINGS, time_limit=60.0), {}
     for name in ("bounce", "random"):
-        env.reset(seed=0)
-        swept[name] = run_episode(env, policies_for(env)[name](), 0).swept_fraction
+        swept[name] = play(env, name).swept_fraction
     assert swept["bounce"] > 1.5 * swept["random"]
 
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import gymnasium
@@ -70,23 +71,15 @@ def interrupt():
     raise KeyboardInterrupt
 
 
-def raise_signal():
-    signal.raise_signal(signal.SIGINT)
-
-
 def interrupt_soon(delays=(0.3,)):
     """Send SIGINT to the main thread after delays."""
     for delay in delays:
         threading.Timer(delay, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT)).start()
 
 
-def interrupt_twice():
-    """Send SIGINT twice: the first one may have to wait for the end of a step."""
-    interrupt_soon((0.3, 0.6))
-
-
-def fall_asleep():
-    time.sleep(8.0)
+raise_signal, fall_asleep = partial(signal.raise_signal, signal.SIGINT), partial(time.sleep, 8.0)
+interrupt_twice = partial(interrupt_soon, (0.3, 0.6))
+"""The first signal may have to wait for the end of a step."""
 
 
 def two_arguments():
@@ -195,6 +188,8 @@ def test_ended_sub_environments_are_told_by_the_last_step():
         ({"num_workers": -1}, "num_workers must be whole"),
         ({"max_episode_steps": 0}, "max_episode_steps must be whole"),
         ({"render_mode": "human"}, "render_mode"),
+        ({"variants": []}, r"variants must be 1 to num_envs \(1\), got"),
+        ({"num_envs": 2, "variants": [{}] * 3}, r"variants must be 1 to num_envs \(2\), got"),
     ],
 )
 def test_bad_arguments_are_named(arguments, culprit):

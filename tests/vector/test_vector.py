@@ -206,12 +206,6 @@ def test_the_number_of_workers_and_how_they_start_change_nothing(how):
         env.close()
 
 
-@pytest.mark.parametrize("variants", [[], [{}] * 3])
-def test_variants_need_a_sub_environment_each(variants):
-    with pytest.raises(ValueError, match=r"variants must be 1 to num_envs \(2\), got"):
-        LidarVectorEnv(LidarEnv, 2, task=ReachGoal, variants=variants)
-
-
 def test_make_vec_gives_shards_of_every_id():
     specs = [spec for id, spec in gymnasium.registry.items() if id.startswith("lidarnaut/")]
     assert all(spec.vector_entry_point for spec in specs)
