@@ -1,4 +1,5 @@
 import ast
+import functools
 import graphlib
 import itertools
 import re
@@ -25,6 +26,11 @@ def modules():
     return {".".join(names[names[1] == "lidarnaut" :]).removesuffix(".__init__"): path for path, names in parts.items()}
 
 
+@functools.cache
+def tree(path):
+    return ast.parse((ROOT / path).read_text(encoding="utf-8"))
+
+
 def floor_of(path, rows):
     """Return the row index of a file: the row that names the file, or its folder."""
     names = (path.as_posix(), *(parent.as_posix() for parent in path.parents))
@@ -34,7 +40,7 @@ def floor_of(path, rows):
 def imports(path, name, known):
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     found = set()
-    for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -89,7 +95,7 @@ code in the user's folders."""
 def test_files_of_others_are_read_by_the_readers_with_limits():
     found = set()
     for path in modules().values():
-        for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 owner, name = ast.unparse(node.func.value), node.func.attr
                 is_in_memory = node.args and ast.unparse(node.args[0]).startswith("io.BytesIO(")
