@@ -189,15 +189,6 @@ def test_a_drag_gives_the_pose_estimate_and_l_spreads_the_particles(navigating):
     assert np.ptp(env.robots[0].estimator.particles[:, :2], axis=0).min() > 1.0
 
 
-def test_a_pose_estimate_on_the_wrong_side_of_the_world_is_given_up(navigating):
-    start = navigating.pixel(1.6, 0.4)
-    navigating.drag(pygame.K_p, start, (start[0] + 40, start[1]))
-    assert navigating.env.scene().pose_error[0] > 2.0
-    navigating.tick(150, down=[pygame.K_w, pygame.K_a])
-    error = navigating.env.scene().pose_error[0]
-    assert error < 0.2 or navigating.env.belief.is_lost
-
-
 def test_a_drag_gives_a_goal_with_a_heading_and_keys_cancel_it(navigating):
     env, wanted = navigating.env, Pose2D(-0.55, 1.3, math.pi / 2)
     shown = navigating.picture[MAP_PANEL]

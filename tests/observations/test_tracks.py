@@ -37,7 +37,6 @@ def test_tracks_are_people_near_the_robot_and_equal_in_copies():
     distances = np.hypot(rows[:, :2, 0], rows[:, :2, 1])
     both = distances[:, 1] > 0.0
     assert (distances[both, 0] <= distances[both, 1]).all()
-    env.close()
 
 
 def test_people_stay_out_of_maps_and_who_was_drawn_before_fades():
@@ -54,7 +53,6 @@ def test_people_stay_out_of_maps_and_who_was_drawn_before_fades():
             assert track == (env.unwrapped.belief.on_people is not None)
             found |= track and env.unwrapped.belief.on_people.any()
         assert (env.unwrapped.robots[0].tracker is not None) == track
-        env.close()
     assert found
     assert ghosts[False] > 1000
     assert ghosts[True] < 0.05 * ghosts[False]

@@ -101,12 +101,6 @@ def test_records_that_kernels_take_may_move_to_another_module(checkout):
         (checkout / "lidarnaut" / "envs" / f"{module}.py").unlink()
 
 
-@pytest.fixture
-def temporary(tmp_path):
-    (tmp_path / "temporary").mkdir()
-    return tmp_path / "temporary"
-
-
 @pytest.mark.skipif(os.name == "nt", reason="home folders are named otherwise")
 @pytest.mark.parametrize(
     ("variables", "reason"),
@@ -119,19 +113,19 @@ def temporary(tmp_path):
     ],
 )
 def test_a_temporary_folder_of_the_user_replaces_a_cache_folder_that_cannot_be_used(
-    checkout, temporary, tmp_path, variables, reason
+    checkout, tmp_path, variables, reason
 ):
     (tmp_path / "file").touch()
     (tmp_path / "open").mkdir()
     (tmp_path / "open").chmod(0o777)
     variables = {name: value.format(tmp=tmp_path) for name, value in variables.items()}
     for compiled, hit in ((1, "0"), (0, "1"))[: 2 if reason == "Not a directory" else 1]:
-        result, said = run(checkout, TMPDIR=str(temporary), **variables)
+        result, said = run(checkout, TMPDIR=str(tmp_path), **variables)
         assert result == ["7", "3", hit, hit]
         assert said.count("compiled kernels are kept in") == 1
         assert reason in said
         assert len(said.splitlines()) == 1 + compiled
-    folder = temporary / f"lidarnaut-{os.geteuid()}"
+    folder = tmp_path / f"lidarnaut-{os.geteuid()}"
     assert str(folder) in said
     assert folder.stat().st_mode & 0o777 == 0o700
     assert sorted(path.name for path in checkout.iterdir()) == ["lidarnaut"]
@@ -140,21 +134,21 @@ def test_a_temporary_folder_of_the_user_replaces_a_cache_folder_that_cannot_be_u
 
 @pytest.mark.skipif(os.name == "nt", reason="folders have no such modes")
 @pytest.mark.parametrize("kind", ["open", "link", "foreign"])
-def test_a_temporary_folder_that_is_not_private_is_not_used(checkout, temporary, tmp_path, kind):
+def test_a_temporary_folder_that_is_not_private_is_not_used(checkout, tmp_path, kind):
     other, program = tmp_path / "other", PROGRAM
     other.mkdir(mode=0o700)
-    folder = temporary / f"lidarnaut-{os.geteuid()}"
+    folder = tmp_path / f"lidarnaut-{os.geteuid()}"
     if kind == "link":
         folder.symlink_to(other)
     elif kind == "open":
         folder.mkdir(mode=0o755)
     else:  # the process acts as another user
-        folder = temporary / "lidarnaut-54321"
+        folder = tmp_path / "lidarnaut-54321"
         folder.mkdir(mode=0o700)
         program = f"import os\nos.geteuid = lambda: 54321\n{PROGRAM}"
         if os.geteuid() == 0:
             os.chown(folder, 12345, -1)
-    result, said = run(checkout, program, TMPDIR=str(temporary), XDG_CACHE_HOME="/dev/null")
+    result, said = run(checkout, program, TMPDIR=str(tmp_path), XDG_CACHE_HOME="/dev/null")
     assert result == ["7", "3", "0", "0"]
     assert said.count("are not kept") == 1
     assert len(said.splitlines()) == 2

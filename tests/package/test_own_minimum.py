@@ -82,7 +82,6 @@ def test_few_names_make_a_part_that_works_in_an_episode(source, most):
     assert (episode.end_reason, episode.duration) == ("time_limit", 2.0)
     assert episode.path_length > 0.1
     assert episode.position_rmse < 0.1
-    env.close()
 
 
 def test_a_task_without_methods_is_an_environment():

@@ -22,7 +22,6 @@ def follow(path, seed, id="lidarnaut/ReachGoal-v0", **arguments):
         action = np.array([0.5 * max(c, 0.0) ** 4, np.clip(2.0 * angles[-1], -1.0, 1.0)], dtype=np.float32)
         observation, _, terminated, truncated, info = env.step(action)
         has_ended = terminated or truncated
-    env.close()
     return info, np.array(angles)
 
 
@@ -37,6 +36,17 @@ def test_on_a_known_map_the_carrot_leads_through_unseen_doors():
     episodes = [follow(None, seed, "lidarnaut/Navigate-v0", **FLAT) for seed in range(4)]
     assert all(info["is_success"] for info, _ in episodes)
     assert max(np.abs(angles).max() for _, angles in episodes) > 0.5
+
+
+def test_planned_and_shortest_paths_begin_alike():
+    pairs = []
+    for seed in range(12):
+        firsts = [
+            follow(path, seed, time_limit=0.1, contact="costs", robot="configs/robots/jackal_360.yaml")[1][0]
+            for path in ("plan", "shortest")
+        ]
+        pairs.append(abs((firsts[0] - firsts[1] + math.pi) % (2.0 * math.pi) - math.pi))
+    assert np.median(pairs) < 0.15
 
 
 def test_near_the_goal_the_carrot_is_the_goal():

@@ -168,7 +168,6 @@ def test_the_picture_shows_the_goal_and_the_particles():
     assert picture.shape == (720, 1280, 3)
     for colour in (style.FRONTIER, style.ESTIMATED, style.TRUE):
         assert (picture[120:660] == colour).all(axis=-1).sum() > 10
-    env.close()
 
 
 def test_a_given_initial_pose_may_be_wrong_and_is_corrected():
