@@ -5,6 +5,8 @@ import contextlib
 import gymnasium
 from gymnasium.vector import SyncVectorEnv
 
+from lidarnaut.envs.vector import make_vec
+
 
 @contextlib.contextmanager
 def both(id, mode, num_workers, arguments, wrappers=(), num_envs=3):
@@ -16,8 +18,8 @@ def both(id, mode, num_workers, arguments, wrappers=(), num_envs=3):
             env = wrapper(env)
         return env
 
-    how = {"num_workers": num_workers, "autoreset_mode": mode, **({"env_wrappers": wrappers} if wrappers else {})}
-    ours = gymnasium.make_vec(id, num_envs, **how, **arguments)
+    how = {"wrappers": wrappers, "num_workers": num_workers, "autoreset_mode": mode}
+    ours = make_vec(id, num_envs, **how, **arguments)
     theirs = SyncVectorEnv([single] * num_envs, autoreset_mode=mode)
     with contextlib.closing(ours), contextlib.closing(theirs):
         yield ours, theirs
