@@ -53,11 +53,12 @@ def test_policies_for_one_robot_explore_with_all_of_them():
 
 
 def test_an_episode_ends_when_no_robot_has_a_frontier_left():
-    arguments = {"world": "pimouse_arena", "physics": "kinematic", "slam": "truth", "target_coverage": 1.0}
+    # Some corners of this house stay unknown in episodes of any length.
+    arguments = {"world": "turtlebot3_house", "physics": "kinematic", "slam": "odometry", "target_coverage": 1.0}
     env = ExploreTeamFrontiersEnv(num_robots=2, **arguments)
-    *_, terminated, _, info = rollout(env, 0, 1000, lambda _: np.int64(0))[-1]
-    assert terminated
-    assert info["end_reason"] in ("covered", "no_reachable_frontier")
+    observation, _, terminated, _, info = rollout(env, 0, 1000, lambda _: np.int64(0))[-1]
+    assert (terminated, info["end_reason"]) == (True, "no_reachable_frontier")
+    assert not observation["action_mask"].any()
 
 
 def test_a_team_of_one_sees_no_peers_and_none_returns_home():
