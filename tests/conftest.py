@@ -14,7 +14,8 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 # `make test-python` installs no torch.
-learning = ["agents", "benchmarks", "examples", "robustness", "test_every_id.py", "test_ray.py", "test_wheel.py"]
+package = [f"package/{name}.py" for name in ("test_every_id", "test_ray", "test_wheel")]
+learning = ["agents", "benchmarks", "examples", "robustness", *package]
 collect_ignore = [] if find_spec("torch") else learning
 
 

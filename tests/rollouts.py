@@ -1,6 +1,8 @@
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
+from lidarnaut.baselines import policies_for
+from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.navigation.frontiers.candidates import COST, FAILURES
 
 
@@ -13,6 +15,12 @@ def rollout(env, seed, steps, rule=None):
         if out[-1][2] or out[-1][3]:
             break
     return out
+
+
+def play(env, policy):
+    """Return the episode of seed 0 of a classic policy, by name."""
+    env.reset(seed=0)
+    return run_episode(env, policies_for(env)[policy](), 0)
 
 
 def nearest(observation):

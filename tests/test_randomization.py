@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
-import lidarnaut  # noqa: F401
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.randomization import RANDOMIZABLE, Randomization
@@ -17,7 +16,7 @@ from lidarnaut.envs.tasks.explore import Explore
 from tests.rollouts import rollout
 from tests.rooms import BURGER, square_room
 from tests.test_core import QUICK
-from tests.test_vector import RANGES
+from tests.vector.test_vector import RANGES
 
 BULLET = pytest.param("bullet", marks=pytest.mark.skipif(not find_spec("pybullet"), reason="needs PyBullet"))
 ROOM = {"world": square_room(1.5), "start": (0.0, 0.0, 0.0), "physics": "kinematic", "slam": "odometry"}
@@ -83,11 +82,9 @@ def test_lidars_are_as_drawn_and_the_robot_is_told_nothing():
 def drive_ahead(physics, steps, **values):
     """Drive straight on with fixed values; return the environment and the last `info`."""
     env = LidarEnv(Explore, **{**HALL, "physics": physics}, randomize=fixed(**values))
-    env.reset(seed=0)
-    for _ in range(steps):
-        *_, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
+    out = rollout(env, 0, steps, lambda _: np.array([1.0, 0.0], dtype=np.float32))
     env.close()
-    return env, info
+    return env, out[-1][4]
 
 
 @pytest.mark.parametrize("physics", ["kinematic", BULLET])

@@ -70,11 +70,14 @@ def test_links_images_styles_and_downloads_lead_somewhere():
 
 @needs_site
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
-def test_tutorials_show_their_figures(notebook):
+def test_tutorials_show_their_figures_and_offer_their_notebook(notebook):
     cells = ["".join(c["source"]) for c in json.loads(notebook.read_text())["cells"] if c["cell_type"] == "code"]
     num_plots = sum("plt." in cell for cell in cells)
     assert num_plots > 0
-    assert read_page(SITE / "start/tutorials" / f"{notebook.stem}.html").images >= num_plots
+    page = read_page(SITE / "start/tutorials" / f"{notebook.stem}.html")
+    assert page.images >= num_plots
+    (target,) = [target for target in page.targets if target.endswith(notebook.name)]
+    assert json.loads((SITE / "start/tutorials" / target).read_text())["cells"]
 
 
 @needs_site
@@ -122,8 +125,9 @@ def test_nothing_lies_out_of_reach_and_code_is_not_cut(answer):
 
 @needs_site
 @needs_browser
-def test_only_the_section_of_the_open_page_is_unfolded_in_the_sidebar(answer):
+def test_the_sidebar_unfolds_the_section_of_the_open_page_beside_text_and_contents_at_1280_pixels(answer):
     pages = {name: page["navigation"] for name, page in answer["pages"]["1280"].items() if name != PLAYER}
+    assert sum(page["hasContents"] for page in pages.values()) > 40
     assert pages["index.html"]["open"] == pages["genindex.html"]["open"] == ["Get started"]
     assert pages["reference/environments/reachgoal.html"]["open"] == ["Reference"]
     assert pages["guides/customize/robot.html"]["open"] == ["Guides"]
@@ -131,14 +135,6 @@ def test_only_the_section_of_the_open_page_is_unfolded_in_the_sidebar(answer):
         assert page["sections"] >= 7, name
         assert len(page["open"]) == 1, name
         assert page["links"] < 25, name
-
-
-@needs_site
-@needs_browser
-def test_sidebar_text_and_contents_are_side_by_side_at_1280_pixels(answer):
-    pages = {name: page["navigation"] for name, page in answer["pages"]["1280"].items() if name != PLAYER}
-    assert sum(page["hasContents"] for page in pages.values()) > 40
-    for name, page in pages.items():
         assert page["isContentsInView"] or not page["hasContents"], name
         assert page["text"] > 700, name
 
@@ -164,14 +160,6 @@ def test_the_api_page_documents_the_public_names_with_types():
     assert re.search(r"id:\s+str\s+=\s+'lidarnaut/Explore-v0'", html.unescape(text))
     for path in sorted((SITE / "reference/api").glob("*.html")):
         assert "FieldInfo(" not in path.read_text(encoding="utf-8"), path.name
-
-
-@needs_site
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
-def test_tutorials_offer_their_notebook(notebook):
-    page = read_page(SITE / "start/tutorials" / f"{notebook.stem}.html")
-    (target,) = [target for target in page.targets if target.endswith(notebook.name)]
-    assert json.loads((SITE / "start/tutorials" / target).read_text())["cells"]
 
 
 @needs_site

@@ -15,20 +15,13 @@ from lidarnaut.envs.logs.relations import load_labelled
 from lidarnaut.envs.player.recording import Recording
 
 
-def bomb(path, size):
-    header = b"\x93NUMPY\x01\x00v\x00" + f"{{'descr': '|u1', 'fortran_order': False, 'shape': ({size},), }}".encode()
-    header = header.ljust(127) + b"\n"
+def bomb(path, claimed, size):
+    """Write an archive with headers that claim a number of bytes, and `size` zeros."""
+    shape = f"{{'descr': '|u1', 'fortran_order': False, 'shape': ({claimed},), }}".encode()
+    header = (b"\x93NUMPY\x01\x00v\x00" + shape).ljust(127) + b"\n"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        for name in ("about", "curve", "t", "odo", "idx", "ranges"):
-            file.writestr(f"{name}.npy", header + bytes(size))
-
-
-def lie(path, size):
-    """Write a small archive with a header that claims `size` bytes."""
-    header = b"\x93NUMPY\x01\x00v\x00" + f"{{'descr': '|u1', 'fortran_order': False, 'shape': ({size},), }}".encode()
-    with zipfile.ZipFile(path, "w") as file:
         for name in ("about", "curve", "t", "odo", "idx", "ranges", "origin", "map"):
-            file.writestr(f"{name}.npy", header.ljust(127) + b"\n")
+            file.writestr(f"{name}.npy", header + bytes(size))
 
 
 READERS = {
@@ -40,10 +33,13 @@ READERS = {
 
 @pytest.mark.parametrize(("what", "load"), READERS.items(), ids=READERS)
 def test_an_archive_that_unpacks_to_too_much_is_named(tmp_path, monkeypatch, what, load):
-    monkeypatch.setattr(archives, "MAX_BYTES", 4096)
-    bomb(tmp_path / "a.npz", 1024)
-    with pytest.raises(ValueError, match=rf"a\.npz{what}unpacks to .* bytes; at most 4,096 are allowed"):
-        load(tmp_path / "a.npz")
+    bomb(tmp_path / "a.npz", 1024, 1024)
+    size = 8 * (128 + 1024)
+    for limit, says in ((size, ""), (size - 1, f"unpacks to {size:,} bytes; at most {size - 1:,} are allowed")):
+        monkeypatch.setattr(archives, "MAX_BYTES", limit)
+        with pytest.raises(ValueError, match=rf"a\.npz{what}{says}") as caught:
+            load(tmp_path / "a.npz")
+        assert ("bytes" in str(caught.value)) == (limit < size)
 
 
 @pytest.mark.parametrize("make", ["cut", "text", "empty", "lie", "pickle", "npy", "other arrays"])
@@ -54,7 +50,7 @@ def test_a_damaged_archive_is_named(tmp_path, what, load, make):
     content = path.read_bytes()
     path.write_bytes({"cut": content[:-30], "text": b"text", "empty": b""}.get(make, content))
     if make == "lie":
-        lie(path, 10**15)
+        bomb(path, 10**15, 0)
     if make == "npy":
         with path.open("wb") as file:
             np.save(file, np.zeros(3))

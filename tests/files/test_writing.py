@@ -7,46 +7,41 @@ import sys
 import pytest
 
 from lidarnaut.envs import files
-from lidarnaut.envs.files import (
-    Lock,
-    LockedError,
-    append_file,
-    naming,
-    own_folder,
-    sweep,
-    temporary_beside,
-    write_file,
-)
+from lidarnaut.envs.files import Lock, LockedError, append_file, naming, own_folder, sweep, temporary_beside, write_file
 from lidarnaut.envs.logs.bag_writer import BagWriter
 
+NODE = platform.node()
 
-def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path):
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    node = platform.node()
-    gone = [f".a.csv.{node}.{dead.pid}.tmp", f".{node}.{dead.pid}.tmp.{node}.{dead.pid}.tmp"]
-    kept = [f".a.csv.{node}.{os.getppid()}.tmp", f".a.csv.elsewhere.{dead.pid}.tmp", f"a.{dead.pid}.tmp", ".a.tmp"]
+
+@pytest.fixture
+def dead():
+    """Return the ID of a process that has ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path, dead):
+    gone = [f".a.csv.{NODE}.{dead}.tmp", f".{NODE}.{dead}.tmp.{NODE}.{dead}.tmp"]
+    kept = [f".a.csv.{NODE}.{os.getppid()}.tmp", f".a.csv.elsewhere.{dead}.tmp", f"a.{dead}.tmp", ".a.tmp"]
     for name in (*gone, *kept):
         (tmp_path / name).write_text("x")
-    folder = tmp_path / f".step_7.{node}.{dead.pid}.tmp"
+    folder = tmp_path / f".step_7.{NODE}.{dead}.tmp"
     folder.mkdir()
     (folder / "weights").write_text("x")
     sweep(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(kept)
-    assert temporary_beside(tmp_path / "a.csv").name == f".a.csv.{node}.{os.getpid()}.tmp"
+    assert temporary_beside(tmp_path / "a.csv").name == f".a.csv.{NODE}.{os.getpid()}.tmp"
 
 
 @pytest.mark.parametrize("write", ["write_file", "write_folder", "BagWriter"])
-def test_the_next_writer_in_a_folder_sweeps_it_but_for_what_others_write(write, tmp_path):
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    node = platform.node()
-    (tmp_path / f".old.mcap.{node}.{dead.pid}.tmp").mkdir()
-    (tmp_path / f".old.csv.{node}.{dead.pid}.tmp").write_text("half")
+def test_the_next_writer_in_a_folder_sweeps_it_but_for_what_others_write(write, tmp_path, dead):
+    (tmp_path / f".old.mcap.{NODE}.{dead}.tmp").mkdir()
+    (tmp_path / f".old.csv.{NODE}.{dead}.tmp").write_text("half")
     # Files of an earlier process with this process ID, of another thread, and of the parent process.
-    (earlier := tmp_path / f".earlier.csv.{node}.{os.getpid()}.tmp").write_text("half")
+    (earlier := tmp_path / f".earlier.csv.{NODE}.{os.getpid()}.tmp").write_text("half")
     os.utime(earlier, (1e9, 1e9))
-    kept = {f".live.csv.{node}.{os.getpid()}.tmp", f".live.csv.{node}.{os.getppid()}.tmp"}
+    kept = {f".live.csv.{NODE}.{os.getpid()}.tmp", f".live.csv.{NODE}.{os.getppid()}.tmp"}
     for name in kept:
         (tmp_path / name).write_text("half")
     if write == "BagWriter":

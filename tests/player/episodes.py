@@ -4,15 +4,7 @@ from lidarnaut.envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, R
 
 
 def synthetic(
-    duration,
-    size=(12.0, 8.0),
-    num_candidates=5,
-    explorer="made_up",
-    flicker=20,
-    seed=0,
-    has_goal=False,
-    is_bare=False,
-    has_trees=False,
+    duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", flicker=20, seed=0, is_bare=False, has_trees=False
 ):
     """Return an episode in a hall of `size` [m] with a map that grows by columns; one sample per 0.5 s.
 
@@ -52,26 +44,17 @@ def synthetic(
         cells, changes = [np.empty(0, dtype=int)] * n, [np.empty(0, dtype=int)] * n
         decisions, candidates = decisions[:0], candidates[:0]
     num_bodies = len(about.get("bodies", [""]))
+    about |= {"explorer": explorer, "world": "hall", "robot": "burger", "radius": 0.15, "start": [0.0, 0.0, 0.0]}
+    about |= {"seed": seed, "end_reason": "time_limit", "progress": "explored", "figures": {"explored [%]": "100.0"}}
+    about["lidar"] = {"range_max": 3.5, "mount": [0.0, 0.0, 0.0], "angles": angles.tolist(), "is_full_turn": True}
+    about["map"] = {"shape": [rows, columns], "resolution": resolution, "origin": [0.0, 0.0]}
+    about["floor"] = {"resolution": resolution, "origin": [0.0, 0.0]}
     return Recording.of(
-        about=about
-        | {
-            "explorer": explorer,
-            "world": "hall",
-            "robot": "burger",
-            "seed": seed,
-            "end_reason": "time_limit",
-            "radius": 0.15,
-            "progress": "explored",
-            "lidar": {"range_max": 3.5, "mount": [0.0, 0.0, 0.0], "angles": angles.tolist(), "is_full_turn": True},
-            "start": [0.0, 0.0, 0.0],
-            "map": {"shape": [rows, columns], "resolution": resolution, "origin": [0.0, 0.0]},
-            "floor": {"resolution": resolution, "origin": [0.0, 0.0]},
-            "figures": {"explored [%]": "100.0"},
-        },
+        about=about,
         time=time,
         true_poses=true_poses,
         poses=np.column_stack([true_poses[:, :2] + noise, true_poses[:, 2]]),
-        goals=np.full((n, 2), (width - 1.0, height / 2) if has_goal else np.nan),
+        goals=np.full((n, 2), np.nan),
         progress=(0.15 + 0.85 * share),
         path_length=(0.2 * time),
         contacts=(time // 50),
@@ -95,7 +78,7 @@ def synthetic(
         ][: 6 * has_trees],
         segments=[(0, 0, width, 0), (width, 0, width, height), (width, height, 0, height), (0, height, 0, 0)],
         circles=[(width / 2, 1.0, 0.3)],
-        route=[(1.0, 1.0), (width - 1.0, 1.0)][: 2 * has_goal],
+        route=[],
         people_radii=[0.2] * num_bodies,
         people=np.hstack([np.column_stack([x, y + 1.0 + k, 0.0 * x, 0.0 * x + 0.5]) for k in range(num_bodies)]),
         tracks=np.column_stack([x, y, 0.0 * x, 0.0 * x + 0.5, 0.0 * x + 0.2])[: 0 if is_bare else n],

@@ -86,37 +86,21 @@ def test_rgb_arrays_are_fresh_and_equal_for_equal_scenes(renderer):
     np.testing.assert_array_equal(first, other)
 
 
-@pytest.fixture(scope="module")
-def truth_and_belief(renderer):
-    return panels(renderer.draw(make_scene()))
-
-
-def test_true_and_estimated_robot_are_where_they_should_be(truth_and_belief):
-    truth, belief = truth_and_belief
-    for panel, colour, pose in (
-        (truth, style.TRUE, TRUE),
-        (belief, style.TRUE, TRUE),
-        (belief, style.ESTIMATED, ESTIMATED),
-    ):
+def test_robots_map_floor_and_bodies_are_where_they_should_be(renderer):
+    truth, belief = panels(renderer.draw(make_scene()))
+    true = ((panel, style.TRUE, TRUE) for panel in (truth, belief))
+    for panel, colour, pose in (*true, (belief, style.ESTIMATED, ESTIMATED)):
         positions = found(panel, colour)
         near = np.hypot(*(positions - pose[:2]).T) < 0.25
         assert near.sum() > 40
         assert np.abs(positions[near].mean(axis=0) - pose[:2]).max() < 0.08
     assert len(found(truth, style.ESTIMATED)) == 0
-
-
-def test_the_map_is_drawn_in_the_frame_of_the_world(truth_and_belief):
-    _, belief = truth_and_belief
     occupied, frontier = found(belief, style.OCCUPIED)[:, 0], found(belief, style.FRONTIER)[:, 0]
     assert (occupied.min(), occupied.max()) == pytest.approx((6.0, 6.5), abs=0.1)
     assert len(frontier) > 100
     assert np.abs(frontier - 1.0).max() < 0.2
     assert found(belief, style.UNKNOWN)[:, 0].min() < 0.0
     assert np.hypot(*(found(belief, style.PLAN) - (2.0, 4.0)).T).min() < 0.05
-
-
-def test_the_ground_truth_shows_floor_bodies_and_outside(truth_and_belief):
-    truth, _ = truth_and_belief
     floor, outside, solid = (found(truth, colour, 2) for colour in (style.FLOOR, style.OUTSIDE, style.SOLID))
     assert floor.min() > -0.05
     assert (floor.max(axis=0) < (8.05, 6.05)).all()
@@ -162,7 +146,7 @@ def test_painted_grid_equals_looking_up_every_pixel():
     np.testing.assert_array_equal(image, expected)
 
 
-def test_human_draws_into_a_window_and_keeps_pace():
+def test_human_draws_into_a_window_and_keeps_pace_and_wrong_arguments_are_named():
     import pygame
 
     renderer = Renderer("human", 20)
@@ -177,6 +161,9 @@ def test_human_draws_into_a_window_and_keeps_pace():
     renderer.close()
     assert other.draw(make_scene()) is None, "closing one window leaves the others open"
     other.close()
+    for arguments, culprit in ((("ascii", 10), "ascii"), (("human", 0), "fps")):
+        with pytest.raises(ValueError, match=culprit):
+            Renderer(*arguments)
 
 
 def test_arrays_need_no_display_and_import_needs_no_pygame():
@@ -200,12 +187,6 @@ except RuntimeError as error:
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith("cannot open a window"), "and nothing else, such as pygame's greeting"
     assert "SDL_VIDEODRIVER=dummy" in result.stdout
-
-
-@pytest.mark.parametrize(("arguments", "culprit"), [(("ascii", 10), "ascii"), (("human", 0), "fps")])
-def test_bad_arguments_are_named(arguments, culprit):
-    with pytest.raises(ValueError, match=culprit):
-        Renderer(*arguments)
 
 
 def test_nodes_and_loop_closures_are_drawn_where_there_are_any(renderer):

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from lidarnaut.envs.robots import ROBOT_NAMES, OdometryNoise, load_robot
+from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
 
 DISTANCE, TURN = 0.2, 0.3
 """Motion between two key scans [m], [rad]."""
@@ -31,13 +31,10 @@ def test_every_robot_is_whole(name):
     assert 0 < robot.drive.slip_std < 0.01
 
 
-def test_robots_whose_makers_fuse_the_gyroscope_into_odometry():
+def test_gyroscopes_biases_and_lidars_are_as_documented():
     fusing = {name for name in ROBOT_NAMES if load_robot(name).odometry.uses_gyro}
     assert fusing == {"turtlebot3_burger", "turtlebot3_waffle_pi", "turtlebot3_waffle_pi_x3", "create3", "jackal"}
     assert all(load_robot(name).imu.gyro_bias_std > 0 for name in fusing)
-
-
-def test_documented_biases():
     mouse = load_robot("raspimouse")
     assert mouse.odometry.open_loop
     assert mouse.drive.wheel_radius / mouse.odometry.wheel_radius == pytest.approx(48 / 45)
@@ -48,9 +45,6 @@ def test_documented_biases():
     for robot in map(load_robot, set(ROBOT_NAMES) - {"raspimouse", "tugbot_original"}):
         assert robot.odometry.track == robot.drive.track
         assert robot.odometry.wheel_radius == robot.drive.wheel_radius
-
-
-def test_lidars_are_as_documented():
     burger, tugbot, scanner = (load_robot(name).lidar for name in ("turtlebot3_burger", "tugbot", "mpo_500"))
     limits = [(lidar.range_min, lidar.range_max) for lidar in (burger, tugbot, scanner)]
     assert limits == [(0.12, 3.5), (0.6, 10.0), (0.5, 50.0)]
@@ -78,8 +72,3 @@ def test_noise_in_the_library_follows_from_what_is_simulated(name):
         bias = TURN * abs(scale * odometry.track / drive.track - 1.0)
         slipped = drive.slip_std * math.sqrt(TURN / drive.track)
         assert math.hypot(slipped, bias) <= turning <= 2 * (slipped + bias)
-
-
-def test_noise_is_never_zero():
-    with pytest.raises(ValueError, match=r"heading_std\n.*greater than 0"):
-        OdometryNoise(heading_std=0.0)

@@ -48,6 +48,7 @@ def test_a_robot_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch)
         ("body.radius", 0.1, "body: .*either size or radius"),
         ("body.center", [0.0, 1e200, 0.0], r"body\.center\.1: .*less than or equal to 100"),
         ("body.size", [0.3, 200.0, 0.1], r"body\.size\.1: .*less than or equal to 100, got 200"),
+        ("odometry.noise.heading_std", 0.0, r"heading_std: .*greater than 0, got 0"),
         ("casters", [{"x": 0.1, "y": 0.0, "radius": -1}], r"casters\.0\.radius: .*greater than 0, got -1"),
     ],
 )

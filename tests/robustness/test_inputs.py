@@ -55,7 +55,6 @@ people: [{radius: 0.1, speed: 0.5, waypoints: [[0.5, 1.5], [1.5, 1.5]]}]
 closures: [[0.0, 3.0, 0.0, 0.0]]
 """)
 MAP = {"image": "", "resolution": 0.1, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65}
-DEPTH = 2000
 
 
 def drive_in(**arguments):
@@ -217,14 +216,6 @@ def test_damaged_inputs_are_refused_by_name_or_do_no_harm(kind, tmp_path, size, 
     refused = sum(said is not None for said in outcomes)
     assert refused > 0
     row("damaged inputs", damaged=kind, tried=len(outcomes), refused_by_name=refused, accepted=len(outcomes) - refused)
-
-
-@pytest.mark.parametrize("use", [load_robot, use_config, lambda path: drive_in(world=str(path))])
-def test_deep_nesting_is_refused_by_name(use, tmp_path):
-    path = tmp_path / "input.yaml"
-    path.write_text(f"spawns: {'[' * DEPTH}{']' * DEPTH}\n")
-    with pytest.raises(ValueError, match="input"):
-        use(path)
 
 
 @pytest.mark.parametrize("suffix", [".log", ".log.gz", ".npz", ".bag", ".mcap"])

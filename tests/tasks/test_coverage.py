@@ -11,6 +11,7 @@ from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.tasks.coverage import Coverage, map_iou
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.worlds import FixedRoute, explorable_area
+from tests.rollouts import rollout
 from tests.rooms import BURGER, ORIGIN, make_room
 
 ROOM = make_room(0.0, 0.0, 2.02, 3.02, spawn=Pose2D(0.5, 0.5, 0.0))
@@ -19,11 +20,13 @@ LONG = replace(BURGER.lidar, range_max=60.0)
 NOTHING_NEW = MapUpdate(NO_CELLS, Window(0, 0, 2, 2))
 
 
-def test_explorable_area_of_an_empty_room_is_its_floor():
+def test_explorable_area_of_an_empty_room_is_its_floor_if_the_robot_fits():
     area = explorable_area(ROOM, BURGER, 0.05)
     # Cells touched by the walls do not count: one ring of them.
     assert area.area == pytest.approx(2.0 * 3.0, abs=0.3)
     assert not (area.explorable & (area.walls.data > 0)).any()
+    with pytest.raises(ValueError, match="does not fit"):
+        explorable_area(make_room(0.4, 0.4, 0.6, 0.6, spawn=Pose2D(0.5, 0.5, 0.0)), BURGER, 0.05)
 
 
 def test_what_cannot_be_reached_or_seen_is_not_explorable():
@@ -36,11 +39,6 @@ def test_what_cannot_be_reached_or_seen_is_not_explorable():
     assert 0.5 < slit.area - closed_off.area < 4.0
     for area in (closed_off, slit):
         assert not area.is_traversable(Pose2D(3.0, 1.0, 0.0))
-
-
-def test_explorable_area_refuses_a_robot_that_does_not_fit():
-    with pytest.raises(ValueError, match="does not fit"):
-        explorable_area(make_room(0.4, 0.4, 0.6, 0.6, spawn=Pose2D(0.5, 0.5, 0.0)), BURGER, 0.05)
 
 
 def area_with_mover(radius):
@@ -65,13 +63,8 @@ def test_drawn_poses_are_traversable_clear_of_people_and_equal_those_without_peo
 
 def true_scan(world, pose, lidar=LONG):
     ranges = np.empty(lidar.num_beams, dtype=np.float32)
-    cast_rays(
-        *pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw)),
-        lidar.beams,
-        world.segments,
-        world.circles,
-        ranges,
-    )
+    eye = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
+    cast_rays(*eye, lidar.beams, world.segments, world.circles, ranges)
     return ranges
 
 
@@ -99,12 +92,6 @@ def test_a_perfect_map_of_what_was_seen_covers_everything_however_it_is_turned(t
     assert add(update_of(EVERYTHING)) == 0.0
 
 
-def test_cells_beyond_the_walls_earn_nothing():
-    _, coverage, add = begin(ROOM)
-    assert add(update_of(np.zeros((40, 40), dtype=np.int8), (5.0, 5.0))) == 0.0  # a map with an error of five metres
-    assert coverage.explored_area == 0.0
-
-
 def test_what_the_map_knows_counts_once_a_true_scan_sees_it():
     # Two halves with a door: little of the right half is visible from the left.
     start = Pose2D(0.5, 1.7, 0.0)
@@ -117,8 +104,10 @@ def test_what_the_map_knows_counts_once_a_true_scan_sees_it():
     assert coverage.explored_area == pytest.approx(gained + later)
 
 
-def test_a_redrawn_map_counts_as_it_is_now():
+def test_cells_beyond_the_walls_earn_nothing_and_a_redrawn_map_counts_as_it_is_now():
     area, coverage, add = begin(ROOM)
+    assert add(update_of(np.zeros((40, 40), dtype=np.int8), (5.0, 5.0))) == 0.0  # a map with an error of five metres
+    assert coverage.explored_area == 0.0
     add(update_of(EVERYTHING))
     half = np.full((200, 200), -1, dtype=np.int8)
     half[:100] = 0
@@ -135,8 +124,7 @@ def test_a_lidar_with_a_narrow_view_sees_ahead_only():
     assert coverage.explored_fraction == pytest.approx(0.25, abs=0.08)
 
 
-@pytest.mark.parametrize("num_beams", [4, 7, 36, 360])
-@pytest.mark.parametrize("theta", [0.0, 0.4])
+@pytest.mark.parametrize(("num_beams", "theta"), [(4, 0.0), (4, 0.4), (7, 0.0), (36, 0.4), (360, 0.0)])
 def test_a_scan_sees_what_lies_within_the_width_of_its_beams(num_beams, theta):
     pose, lidar = Pose2D(3.1, 2.6, theta), replace(LONG, num_beams=num_beams)
     world = make_room(0.0, 0.0, 8.02, 6.02, [(2.0, 2.0, 2.0, 3.5)], spawn=pose)
@@ -183,10 +171,9 @@ def test_a_blocked_robot_that_turns_its_wheels_earns_only_what_it_sees(slam):
     blocker = FixedRoute(0.4, np.array([[6.0, 0.5], [6.0, 0.501]]), 0.001)
     corridor = make_room(0.0, 0.0, 32.0, 1.0, people=[blocker], spawn=Pose2D(5.0, 0.5, 0.0))
     env = LidarEnv(Explore, world=corridor, physics="kinematic", slam=slam, start="spawn", time_limit=200.0)
-    env.reset(seed=0)
-    for _ in range(1200):
-        _, _, terminated, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
-        assert not terminated
+    out = rollout(env, 0, 1200, lambda _: np.array([1.0, 0.0], dtype=np.float32))
+    info = out[-1][4]
+    assert len(out) == 1 + 1200
     # The robot stands between 5 m and 5.5 m, and sees 3.5 m back and less than a metre ahead.
     assert info["pose_error"][0] > 0.2
     assert info["explored_fraction"] < 4.9 / 32.0

@@ -38,13 +38,7 @@ def test_agents_get_their_rows_of_the_team_environment():
 
 
 def test_agents_of_decisions_act_in_turn_and_share_the_reward():
-    arguments = {
-        "world": "rooms",
-        "world_size": (8.0, 8.0),
-        "physics": "kinematic",
-        "num_robots": 2,
-        "time_limit": 20.0,
-    }
+    arguments = {**QUICK, "world": "rooms", "world_size": (8.0, 8.0), "num_robots": 2, "time_limit": 20.0}
     api_test(TeamFrontiersAECEnv(**arguments), num_cycles=20)
     team, env = (make(**arguments) for make in (ExploreTeamFrontiersEnv, TeamFrontiersAECEnv))
     expected, info = team.reset(seed=3)
@@ -81,7 +75,7 @@ def test_wrong_calls_of_a_parallel_step_are_named():
             env.step(right | {"robot_1": wrong})
     with pytest.raises(ValueError, match="options must map names to values, got 5"):
         env.reset(options=5)
-    _, _, _, truncations, _ = env.step(right)
+    env.step(right)
     _, _, _, truncations, _ = env.step(right)
     assert truncations == {"robot_0": True, "robot_1": True}
     for actions in (right, {}):
