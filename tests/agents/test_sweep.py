@@ -131,10 +131,7 @@ def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
         ({"hyperparameters": {**data["hyperparameters"], "gamma": 0.9}}, "hyperparameters.gamma: .*, not"),
         ({"num_envs": 2}, "num_envs: 4, not 2"),
         ({"environment": {**data["environment"], "world": "caves"}}, "environment.world: .the default., "),
-        (
-            {"environment": {"id": data["environment"]["id"]}},
-            "environment.time_limit: 4.0, not 'the def",
-        ),
+        ({"environment": {"id": data["environment"]["id"]}}, "environment.time_limit: 4.0, not 'the def"),
         ({"total_steps": 64}, "128 of total_steps, more than 64"),
         ({"network": {"hidden": 8}}, "network.hidden: 64, not 8"),
     ):

@@ -184,16 +184,10 @@ def test_lasers_that_turn_clockwise(tmp_path):
     ("lines", "complaint"),
     [
         (robotlaser((0, 0, 0), poses=[(0, 0, 0)] * 3), "line 1: .*poses of laser and robot do not agree"),
-        (
-            [robotlaser((0, 0, 0))[0], robotlaser((0, 0, 0), step=0.5)[1]],
-            "line 2: .*.step. is 0.5, earlier 1",
-        ),
+        ([robotlaser((0, 0, 0))[0], robotlaser((0, 0, 0), step=0.5)[1]], "line 2: .*.step. is 0.5, earlier 1"),
         ([robotlaser((0, 0, 0))[0], robotlaser((0, 0, 0), first=0.0)[1]], "line 2: .*configuration .first. is 0"),
         (robotlaser((0, 0, 0), count=1), "no scan can be used: 1 beams; from 2"),
-        (
-            robotlaser((0, 0, 0), step=90.0),
-            "3 beams .* more than a turn; are the angles in degrees",
-        ),
+        (robotlaser((0, 0, 0), step=90.0), "3 beams .* more than a turn; are the angles in degrees"),
     ],
 )
 def test_contradictory_lasers_are_refused(tmp_path, lines, complaint):
