@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from lidarnaut.agents import callbacks, training
+from lidarnaut.agents import callbacks, evaluation, training
 from lidarnaut.agents.callbacks import MIN_ROLLOUTS
 from lidarnaut.agents.curves import curve_of, interval_of, read_evaluations, result_of
 from lidarnaut.agents.explorer import LearnedPolicy
@@ -30,8 +30,8 @@ class Killed(BaseException):
 
 @pytest.fixture
 def config(tiny_data):
-    evaluation = {"every": 128, "episodes": 2, "references": []}
-    return changed(tiny_data, total_steps=640, evaluation=evaluation, checkpoints={"every": 128, "keep": 2})
+    often = {"every": 128, "episodes": 2, "references": []}
+    return changed(tiny_data, total_steps=640, evaluation=often, checkpoints={"every": 128, "keep": 2})
 
 
 @pytest.fixture
@@ -60,9 +60,19 @@ def best_of(run):
     return int(find_checkpoint(run, "best").name[5:])
 
 
-def test_the_best_is_kept_named_and_measured_once(config, scored, tmp_path, caplog):
+def test_the_best_is_kept_named_and_measured_once(config, scored, tmp_path, caplog, monkeypatch):
     caplog.set_level(logging.INFO, "lidarnaut.agents")
+    episodes, whole = [], evaluation.run_episodes
+
+    def noted(vector, act, speed, seed):
+        episodes.append((vector.get_attr("world")[0], range(seed, seed + vector.num_envs)))
+        return whole(vector, act, speed, seed)
+
+    monkeypatch.setattr(evaluation, "run_episodes", noted)
     run = train(config, run=tmp_path / "run", progress=False)
+    *validation, (_, test) = episodes
+    assert (len(validation), len(set(validation)), test) == (6, 1, range(2))
+    assert not {*test} & {*validation[0][1]}
     assert steps_of(run) == [384, 512, 640]
     rows = read_evaluations(run)
     assert [row["steps"] for row in curve_of(rows)] == [0, 128, 256, 384, 512, 640]
@@ -81,22 +91,8 @@ def test_the_best_is_kept_named_and_measured_once(config, scored, tmp_path, capl
         CheckpointError, match=r"no checkpoint 'bets' \(did you mean 'best'\?\); allowed are best, last"
     ):
         find_checkpoint(f"{run}@bets")
-
-
-def test_validation_and_test_have_no_episode_in_common(config, monkeypatch, tmp_path):
-    seeds = []
-    whole = callbacks.Evaluator.policy.__globals__["run_episodes"]
-
-    def noted(vector, act, speed, seed):
-        seeds.append((vector.get_attr("world")[0], range(seed, seed + vector.num_envs)))
-        return whole(vector, act, speed, seed)
-
-    monkeypatch.setattr("lidarnaut.agents.evaluation.run_episodes", noted)
-    train(config, run=tmp_path / "run", progress=False)
-    *validation, (_, test) = seeds
-    assert len({(world, *seeds) for world, seeds in validation}) == 1
-    assert (test, len(validation)) == (range(2), 6)
-    assert not {*test} & {*validation[0][1]}
+    monkeypatch.setattr(callbacks.RunCallback, "finish", Mock(side_effect=AssertionError))
+    train(config, resume=run, progress=False)
 
 
 @pytest.mark.parametrize(
@@ -156,14 +152,6 @@ def test_runs_of_earlier_versions_fall_back_to_the_last(tiny_run, tmp_path, capl
     (run / "checkpoints" / BEST).unlink()
     assert find_policy(run) == list_checkpoints(run)[-1]
     assert "the last, since none is marked as the best" in caplog.messages[-1]
-    lines = (run / "evaluations.csv").read_text().splitlines()
-    assert lines[0].startswith("policy,split,") or ",split," in lines[0]
-
-
-def test_a_finished_run_is_not_measured_again(config, tmp_path, monkeypatch):
-    run = train(config, run=tmp_path / "run", progress=False)
-    monkeypatch.setattr(callbacks.RunCallback, "finish", Mock(side_effect=AssertionError))
-    train(config, resume=run, progress=False)
 
 
 def test_intervals_of_evaluations_have_a_width():

@@ -54,18 +54,6 @@ def test_a_training_that_would_mix_settings_is_refused_and_left_alone(changes, s
     assert files(run) == before
 
 
-def test_keys_that_may_change_are_applied(tiny_run, tiny_data, tmp_path):
-    run = shutil.copytree(tiny_run, tmp_path / "run")
-    data = {**tiny_data, "total_steps": 896, "checkpoints": {"every": 128, "keep": 4}, "torch_threads": 2}
-    data["hyperparameters"] = {"n_steps": 32, "batch_size": 64, "n_epochs": 3, "gamma": 0.9}
-    data["environment"] = {**tiny_data["environment"], "time_limit": 3.0}
-    train(parse_config(data, "mem"), resume=run, progress=False)
-    record = load_checkpoint(find_checkpoint(run), trust=["tests"]).record
-    assert (record.steps, record.updates) == (896, 6 * 2 + 3)
-    assert record.config.hyperparameters["gamma"] == 0.9
-    assert record.config.environment.arguments["time_limit"] == 3.0
-
-
 def test_code_that_a_run_no_longer_names_is_trusted_on_the_command_line(tiny_data, tmp_path, capsys):
     """The checkpoint still names the code."""
     data = {**tiny_data, "environment": {**tiny_data["environment"], "reward": "tests.own_code:Circling"}}

@@ -26,24 +26,29 @@ def data(tiny_data):
     return tiny_data | changes | {"sweep": {"hyperparameters.gamma": [0.9, 0.99]}, "seeds": [0, 1]}
 
 
-def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture(data, tmp_path, capsys, monkeypatch):
+def test_all_combinations_are_trained_and_joined_in_a_table_and_in_a_picture_for_each_task(
+    data, tmp_path, capsys, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "tiny.yaml").write_text(json.dumps(data))
+    data["sweep"] |= {"task": {"one": {}, "two": {"environment": {"time_limit": 2.0}}}}
+    (tmp_path / "tiny.yaml").write_text(json.dumps(data | {"seeds": [3]}))
     assert train.main(["--config", "tiny.yaml", "--evaluation.every", "64"]) == 0
     (folder,) = (tmp_path / "runs").glob("tiny__sweep__*")
     table = read_table(folder / "sweep.csv", "hyperparameters.gamma", "seed", "steps")
-    assert table == [[gamma, seed, 128] for gamma in (0.9, 0.99) for seed in (0, 1)]
-    assert (folder / "sweep.png").read_bytes().startswith(b"\x89PNG")
+    assert table == [[gamma, 3, 128] for gamma in (0.9, 0.9, 0.99, 0.99)]
+    times = read_table(folder / "sweep.csv", "processor_time")
+    assert all(0.0 < seconds < 60.0 for (seconds,) in times)
+    assert {path.name for path in folder.glob("*.png")} == {"one.png", "two.png"}
+    assert (folder / "two.png").read_bytes().startswith(b"\x89PNG")
     assert "gamma 0.99" in capsys.readouterr().out
     trained = []
-    monkeypatch.setattr(
-        "lidarnaut.agents.training.train", lambda config, **how: trained.append((config.seed, how["resume"]))
-    )
+    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, **how: trained.append(how["resume"]))
     runs = sorted(path for path in folder.iterdir() if path.is_dir())
     assert train.main(["--resume", str(folder), "--trust", "tests"]) == 0
     assert trained == []
+    assert read_table(folder / "sweep.csv", "processor_time") == times
     assert train.main(["--resume", str(folder), "--trust", "tests", "--total-steps", "256"]) == 0
-    assert trained == [(seed, run) for run, seed in zip(runs, (0, 1, 0, 1), strict=True)]
+    assert trained == runs
 
 
 def test_a_training_that_fails_leaves_the_others_alone(data, tmp_path):
@@ -146,6 +151,7 @@ def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
     rows = [[gamma, seed] for gamma in (0.9, 0.99, 0.5) for seed in (0, 1)]
     assert read_table(folder / "sweep.csv", "hyperparameters.gamma", "seed") == rows
     assert len(list(folder.glob("*/config.yaml"))) == 6
+    assert (folder / "sweep.png").exists()
     assert times == {path: path.read_text() for path in times}
 
 
@@ -202,17 +208,6 @@ def test_tasks_bring_settings_of_their_own_and_some_algorithms_fit_some_of_them(
     assert members[0].config.hyperparameters == {"n_steps": 32, "batch_size": 64, "n_epochs": 2}
     # Only the first training of each task measures the classic policies: all trainings share the episodes.
     assert [bool(one.config.evaluation.references) for one in members] == [True, False, False, False, True, False]
-
-
-def test_trainings_count_their_time_and_a_sweep_draws_a_picture_for_each_task(data, tmp_path):
-    data |= {"sweep": {"task": {"one": {}, "two": {"environment": {"time_limit": 2.0}}}}, "seeds": [0]}
-    folder = run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)
-    assert {path.stem for path in folder.glob("*.png")} == {"one", "two"}
-    table = read_table(folder / "sweep.csv", "steps", "processor_time")
-    assert [steps for steps, _ in table] == [128, 128]
-    assert all(0.0 < seconds < 60.0 for _, seconds in table)
-    run_sweep(data, "mem", resume=folder, progress=False)  # nothing is left to run, and no time is added
-    assert read_table(folder / "sweep.csv", "steps", "processor_time") == table
 
 
 def test_evolutions_are_swept_as_well(tmp_path):

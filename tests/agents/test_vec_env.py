@@ -21,7 +21,6 @@ from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.explore import Explore
 
 QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
-KINDS = pytest.mark.parametrize("kind", ["native", "sync", "async"])
 
 
 def make(num_envs=3, kind="native", id=QUICK.id, mode=AutoresetMode.SAME_STEP, **arguments):
@@ -115,10 +114,9 @@ def test_normalisation_callbacks_and_resuming_work_as_in_stable_baselines3(tmp_p
     again.close()
 
 
-@KINDS
-def test_masked_ppo_learns_and_never_takes_what_is_masked(kind):
+def test_masked_ppo_learns_and_never_takes_what_is_masked():
     maskable = pytest.importorskip("sb3_contrib", reason="needs the extra `dev`").MaskablePPO
-    env = adapt(4, kind, "lidarnaut/ExploreFrontiers-v0", slam="truth")
+    env = adapt(4, id="lidarnaut/ExploreFrontiers-v0", slam="truth")
     model = maskable("MultiInputPolicy", env, n_steps=24, batch_size=48, n_epochs=2, seed=1)
     before = {name: weight.clone() for name, weight in model.policy.named_parameters()}
     model.learn(192)
@@ -131,7 +129,7 @@ def test_masked_ppo_learns_and_never_takes_what_is_masked(kind):
     env.close()
 
 
-@KINDS
+@pytest.mark.parametrize("kind", ["native", "sync", "async"])
 def test_sub_environments_can_be_reached(kind):
     env = adapt(3, kind, "lidarnaut/ExploreFrontiers-v0", render_mode="rgb_array")
     env.seed(4)
@@ -210,11 +208,8 @@ def test_robots_that_cannot_be_trained_together_are_refused():
     environment = {"robots": ("turtlebot3_burger", "jackal"), "world": "rooms", "num_workers": 0}
     with pytest.raises(ValueError, match=r"variants: {'robot': 'jackal'} has observations or actions unlike"):
         make_vec_env(TrainingConfig(**config, environment=environment))
-    for mode in ("native", "sync"):
-        with pytest.raises(ValueError, match="num_envs is 1, fewer than the 2 robots"):
-            make_vec_env(
-                TrainingConfig(**{**config, "num_envs": 1}, environment={**environment, "vectorization": mode})
-            )
+    with pytest.raises(ValueError, match="num_envs is 1, fewer than the 2 robots"):
+        make_vec_env(TrainingConfig(**config | {"num_envs": 1}, environment=environment))
 
 
 class Standing:

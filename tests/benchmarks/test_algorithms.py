@@ -8,33 +8,22 @@ from lidarnaut.benchmarks import algorithms
 from lidarnaut.benchmarks.algorithms import TaskResults, difference, overview, task_section
 from lidarnaut.envs.measures import REACH
 
+ENVIRONMENT = {"num_workers": 0, "time_limit": 1.0, "world": "rooms", "world_size": [6, 6], "slam": "truth"}
+ROOMS = {"environment": {"id": "lidarnaut/Explore-v0"}, "evaluation": {"references": ["random", "nearest"]}}
+GOALS = {"environment": {"id": "lidarnaut/ReachGoal-v0"}, "evaluation": {"references": ["random", "pursuit"]}}
+PPO = {"algorithm": "PPO", "hyperparameters": {"n_steps": 4}}
+SAC = {"algorithm": "SAC", "hyperparameters": {"train_freq": 4, "learning_starts": 4}}
 TINY = {
     "experiment": "tiny",
     "recipe": None,
     "total_steps": 16,
     "num_envs": 2,
-    "environment": {"num_workers": 0, "time_limit": 1.0, "world": "rooms", "world_size": [6, 6], "slam": "truth"},
-    "hyperparameters": {"batch_size": 4},
-    "network": {"features": 8, "channels": 2, "hidden": 8},
-    "evaluation": {"every": 16, "episodes": 2},
-    "sweep": {
-        "task": {
-            "Rooms": {
-                "environment": {"id": "lidarnaut/Explore-v0"},
-                "evaluation": {"references": ["random", "nearest"]},
-            },
-            "Goals": {
-                "environment": {"id": "lidarnaut/ReachGoal-v0"},
-                "evaluation": {"references": ["random", "pursuit"]},
-            },
-        },
-        "algorithm": {
-            "PPO": {"algorithm": "PPO", "hyperparameters": {"n_steps": 4}},
-            "SAC": {"algorithm": "SAC", "hyperparameters": {"train_freq": 4, "learning_starts": 4}},
-        },
-    },
+    "environment": ENVIRONMENT,
     "seeds": [0],
 }
+TINY |= {"hyperparameters": {"batch_size": 4}, "network": {"features": 8, "channels": 2, "hidden": 8}}
+TINY |= {"evaluation": {"every": 16, "episodes": 2}}
+TINY |= {"sweep": {"task": {"Rooms": ROOMS, "Goals": GOALS}, "algorithm": {"PPO": PPO, "SAC": SAC}}}
 
 
 def make_task(**scores):

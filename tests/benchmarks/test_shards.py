@@ -64,15 +64,6 @@ def test_shards_of_two_totals_do_not_share_a_folder(tmp_path):
     assert len(Evaluation(settings, tmp_path).rows()) == 8
 
 
-def test_a_shard_publishes_nothing(tmp_path):
-    assert (
-        main([*OPTIONS, "--worlds", "pimouse_arena", "--episodes", "2", "--out", str(tmp_path), "--shard", "2/2"]) == 0
-    )
-    names = {path.name for path in tmp_path.iterdir()} - {".lock", ".lock-2of2"}
-    assert names == {"episodes", "episodes-2of2.csv", "settings.json"}
-    assert len((tmp_path / "episodes-2of2.csv").read_text().splitlines()) == 1 + 2
-
-
 def test_a_missing_ray_is_named_with_its_extra(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "ray", None)
     assert main([*OPTIONS, "--worlds", "pimouse_arena", "--out", str(tmp_path), "--ray", "auto"]) == 2

@@ -56,15 +56,12 @@ def test_a_run_measures_all_and_writes_what_is_documented(tmp_path, monkeypatch)
     assert all(0 < row["least us"] <= row["median us"] for row in written["physics"])
 
 
-def test_trainings_are_measured(monkeypatch):
+def test_trainings_and_decisions_are_measured(monkeypatch):
     monkeypatch.setattr(measuring, "TRAININGS", ("rooms_fast",))
-    rows = measuring.trainings({1: lambda function, *arguments: function(*arguments)}, 0.0, 1)
+    (row,) = measuring.trainings({1: lambda function, *arguments: function(*arguments)}, 0.0, 1)
     measuring.open_cases([])
-    assert [(row["training"], row["cores"]) for row in rows] == [("rooms_fast", 1)]
-    assert 10 < rows[0]["steps/s"] < 1e6
-
-
-def test_one_and_many_environments_decide(monkeypatch):
+    assert (row["training"], row["cores"]) == ("rooms_fast", 1)
+    assert 10 < row["steps/s"] < 1e6
     monkeypatch.setattr(parts, "NUM_DECIDING", (1, 2))
     rows = parts.decisions(6)
     assert [row["sub-environments"] for row in rows] == [1, 2]
