@@ -68,7 +68,7 @@ def test_a_simulated_robot_is_driven_over_the_network_and_recorded(broker, optio
     saved = {"record": tmp_path / "drive.mcap", "save_map": tmp_path / "map.yaml"}
     with running(broker, options | saved) as (server, session):
         begin = server.robot.time
-        wait_for(lambda: server.robot.time > begin + 20.0, 60.0)
+        wait_for(lambda: server.robot.time > begin + 12.0, 60.0)
         assert session.driver.reason == ""
         assert (session.driver.belief.grid.data >= 0).sum() > 4000
         assert error_of(server, session) < 0.15
