@@ -87,9 +87,7 @@ def test_the_best_is_kept_named_and_measured_once(config, scored, tmp_path, capl
     assert parse_policy(f"ppo:{tmp_path}/r*@last", trust=["tests"]).checkpoint.endswith("640")
     assert find_checkpoint(run).name == "step_000000640"
     assert f"{run}: checkpoint of step 384, the best in the validation episodes" in caplog.messages
-    with pytest.raises(
-        CheckpointError, match=r"no checkpoint 'bets' \(did you mean 'best'\?\); allowed are best, last"
-    ):
+    with pytest.raises(CheckpointError, match=r"no checkpoint 'bets' \(did you mean 'best'\?\); allowed are best, la"):
         find_checkpoint(f"{run}@bets")
     monkeypatch.setattr(callbacks.RunCallback, "finish", Mock(side_effect=AssertionError))
     train(config, resume=run, progress=False)
@@ -125,9 +123,7 @@ def test_a_kill_between_any_writes_leaves_a_best_checkpoint(where, best, config,
     assert is_measured(run)
 
 
-def test_a_resumed_run_keeps_its_best_and_an_older_start_takes_the_best_of_what_remains(
-    config, scored, tmp_path, tiny_data
-):
+def test_a_resumed_run_keeps_its_best_and_an_older_start_takes_the_best_of_what_remains(config, scored, tmp_path):
     run = train(config, run=tmp_path / "run", progress=False)
     copied = shutil.copytree(run, tmp_path / "copied")
     scored.count = 4  # a worse value
@@ -179,10 +175,8 @@ def test_the_bar_names_its_values_and_estimates_from_training_alone(config, tmp_
     monkeypatch.setattr(callbacks, "time", SimpleNamespace(monotonic=lambda: now[0]))
     monkeypatch.setattr(callbacks.Evaluator, "policy", lasting(whole, 1000.0))
     monkeypatch.setattr(callbacks.RunCallback, "_on_step", lasting(callbacks.RunCallback._on_step, 0.01))
-    start = callbacks.RunCallback._on_rollout_start
-    monkeypatch.setattr(
-        callbacks.RunCallback, "_on_rollout_start", lambda self: start(self) or seen.append(bars[0].rate)
-    )
+    run, start = callbacks.RunCallback, callbacks.RunCallback._on_rollout_start
+    monkeypatch.setattr(run, "_on_rollout_start", lambda self: start(self) or seen.append(bars[0].rate))
     train(config, run=tmp_path / "run", progress=False)
     assert seen[: MIN_ROLLOUTS + 1] == [0.0] * (MIN_ROLLOUTS + 1)
     assert seen[-1] == pytest.approx(config.num_envs / 0.01)

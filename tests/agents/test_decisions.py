@@ -4,7 +4,6 @@ import shutil
 import numpy as np
 import pytest
 
-from lidarnaut import evaluate_command as evaluate
 from lidarnaut.agents.algorithms import build_policy
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.curves import read_evaluations
@@ -19,7 +18,6 @@ from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_env, make_vector
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.worlds import WORLD_NAMES
-from tests.agents.test_sweep import read_table
 from tests.agents.tiny import tiny
 
 ENVIRONMENT = {"id": "lidarnaut/ExploreFrontiersAbstract-v0", "world": "rooms", "world_size": [8, 8], "num_workers": 0}
@@ -91,16 +89,6 @@ def test_priors_and_checkpoints_that_do_not_fit_are_refused(run, tmp_path):
         train(config, resume=run, progress=False)
     with pytest.raises(CheckpointError, match=r"network\.width: 16, not 32"):
         train(changed(network={"width": 32}), resume=run, progress=False)
-
-
-def test_what_was_learned_is_evaluated_by_its_name_with_the_observations_that_it_needs(run, tmp_path):
-    policies = ["nearest", f"mine=ppo:{run}", "twist=ppo:pretrained/twist"]
-    options = ["--worlds", "rooms", "--episodes", "1", "--physics", "kinematic", "--time-limit", "12"]
-    out = tmp_path / "out"
-    assert evaluate.main(["--policies", *policies, *options, "--out", str(out), "--no-world-sections"]) == 0
-    lengths = read_table(out / "episodes.csv", "path_length")
-    assert len(lengths) == 3
-    assert min(lengths) > [0.5]
 
 
 def test_an_evaluation_gives_what_single_episodes_give():

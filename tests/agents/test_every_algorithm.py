@@ -28,10 +28,9 @@ def test_two_updates_go_on_alike_from_a_checkpoint_and_act(algorithm, id, traine
     config, source = trained(algorithm, id)
     run, copied = (shutil.copytree(source, tmp_path / name) for name in ("run", "copied"))
     more = config.model_copy(update={"total_steps": 32})
-    first, second = (
-        load_checkpoint(find_checkpoint(train(more, resume=one, progress=False)), trust="tests")
-        for one in (run, copied)
-    )
+    for one in (run, copied):
+        train(more, resume=one, progress=False)
+    first, second = (load_checkpoint(find_checkpoint(one), trust="tests") for one in (run, copied))
     assert first.record.steps == 32
     for one, other in ((first.policy, second.policy), (first.training, second.training)):
         torch.testing.assert_close(one, other, atol=0.0, rtol=0.0)
@@ -98,9 +97,8 @@ def test_an_interrupt_saves_what_an_algorithm_with_a_buffer_has_learned(tiny_dat
     run = tmp_path / "run"
     with pytest.raises(KeyboardInterrupt, match=f"at step 116 \\(saved\\); resume with --resume {run}"):
         train(parse_config(data, "mem"), run=run, progress=False)
-    assert load_checkpoint(find_checkpoint(run), trust="tests").record.replay.keys() == {
-        "000000000004-000000000029.safetensors"
-    }
+    record = load_checkpoint(find_checkpoint(run), trust="tests").record
+    assert record.replay.keys() == {"000000000004-000000000029.safetensors"}
 
 
 def test_rollouts_updates_and_evaluations_see_the_same():

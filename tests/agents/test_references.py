@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lidarnaut.agents import references
-from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.checkpoint import POLICY_FILE, load_checkpoint
 from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.agents.run_folder import list_checkpoints
 from lidarnaut.agents.training import train
@@ -37,10 +37,8 @@ def rows_of(run):
 
 
 def checkpoints_of(run):
-    return [
-        (path.name, load_checkpoint(path).record.evaluations, (path / "policy.safetensors").read_bytes())
-        for path in list_checkpoints(run)
-    ]
+    folders = list_checkpoints(run)
+    return [(one.name, load_checkpoint(one).record.evaluations, (one / POLICY_FILE).read_bytes()) for one in folders]
 
 
 def test_a_second_training_measures_only_what_is_not_cached_and_gives_the_same(cache, tmp_path, monkeypatch):

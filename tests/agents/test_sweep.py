@@ -2,16 +2,13 @@ import csv
 import json
 import sys
 from pathlib import Path
-from unittest.mock import Mock
 
 import pytest
 
 from lidarnaut import train_command as train
-from lidarnaut.agents import sweep
 from lidarnaut.agents.config import EvolutionConfig
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.sweep import expand, run_sweep
-from lidarnaut.envs.files import LockedError
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
 
@@ -26,9 +23,7 @@ def data(tiny_data):
     return tiny_data | changes | {"sweep": {"hyperparameters.gamma": [0.9, 0.99]}, "seeds": [0, 1]}
 
 
-def test_all_combinations_are_trained_and_joined_in_a_table_and_in_a_picture_for_each_task(
-    data, tmp_path, capsys, monkeypatch
-):
+def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture_per_task(data, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     data["sweep"] |= {"task": {"one": {}, "two": {"environment": {"time_limit": 2.0}}}}
     (tmp_path / "tiny.yaml").write_text(json.dumps(data | {"seeds": [3]}))
@@ -49,15 +44,6 @@ def test_all_combinations_are_trained_and_joined_in_a_table_and_in_a_picture_for
     assert read_table(folder / "sweep.csv", "processor_time") == times
     assert train.main(["--resume", str(folder), "--trust", "tests", "--total-steps", "256"]) == 0
     assert trained == runs
-
-
-def test_a_training_that_fails_leaves_the_others_alone(data, tmp_path):
-    data["sweep"] = {"hyperparameters.learning_rate": [1e-3, 1e30]}
-    data |= {"seeds": [0], "total_steps": 256}
-    message = r"1 of 2 trainings failed; retry with --resume .*:\n001_learning_rate=1e\+30"
-    with pytest.raises(ValueError, match=message):
-        run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)
-    assert len(read_table(tmp_path / "sweep" / "sweep.csv")) == 1
 
 
 BUGS = """
@@ -115,6 +101,7 @@ def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(data, tmp_path, 
         assert kept.exists() == (bug != "kill")
         if kept.exists():
             assert "bugs.py" in kept.read_text()
+        assert len(read_table(folder / "sweep.csv")) == 1
         good = good or (folder / "001_kind=good__0" / "processor_time").read_text()
         command = ["--resume", str(folder), "--trust", "bugs", "tests"]
     (tmp_path / "bug").write_text("")
@@ -218,9 +205,3 @@ def test_evolutions_are_swept_as_well(tmp_path):
     run_sweep(swept | {"num_workers": 2}, "mem", resume=folder, progress=False)
     with pytest.raises(CheckpointError, match=r"000_sigma=0.05__3 holds tasks: 1, not 2"):
         run_sweep(swept | {"tasks": 2}, "mem", resume=folder, progress=False)
-
-
-def test_a_run_that_another_process_is_at_counts_as_failed(data, tmp_path, monkeypatch):
-    monkeypatch.setattr(sweep, "train_member", Mock(side_effect=LockedError("in use")))
-    with pytest.raises(ValueError, match=r"4 of 4 trainings failed(.|\n)*LockedError: in use"):
-        run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)

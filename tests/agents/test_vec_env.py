@@ -174,14 +174,11 @@ def test_the_environments_of_several_robots_are_stepped_as_each_for_itself(how):
     several = {"id": "lidarnaut/ReachGoal-v0", "world": "hall", "time_limit": 2.0, "num_workers": 0}
     several["observations"] = ["scan_history", "goal", "motion", "limits"]
     robots = ("jackal", "turtlebot3_burger")
-    config = TrainingConfig(
-        experiment="two", total_steps=1, algorithm="PPO", num_envs=5, environment={**several, **how, "robots": robots}
-    )
+    environment = {**several, **how, "robots": robots}
+    config = TrainingConfig(experiment="two", total_steps=1, algorithm="PPO", num_envs=5, environment=environment)
     joined = make_vec_env(config)
-    apart = [
-        GymnasiumVecEnv(make_vector(EnvironmentConfig(**several, robot=name), "train", count))
-        for name, count in zip(robots, (3, 2))
-    ]
+    singles = [(EnvironmentConfig(**several, robot=name), count) for name, count in zip(robots, (3, 2))]
+    apart = [GymnasiumVecEnv(make_vector(single, "train", count)) for single, count in singles]
     for env, seed in zip((joined, *apart), (7, 7, 10)):
         env.seed(seed)
     first, *others = (env.reset() for env in (joined, *apart))

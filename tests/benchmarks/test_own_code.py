@@ -65,12 +65,8 @@ GOALS = ["--id", "lidarnaut/ReachGoal-v0", "--worlds", "rooms", "hall", "--no-wo
 
 
 def test_what_observes_ground_truth_or_says_that_it_uses_some_is_a_bound_too(own_folder, no_overview):
-    uses = [
-        "own_explorers:FollowsTruth",
-        "own_explorers:SeesTruth",
-        "mine=own_explorers:SeesTruth",
-        "own_explorers:Admits",
-    ]
+    uses = [f"own_explorers:{name}" for name in ("FollowsTruth", "SeesTruth", "Admits")]
+    uses.append("mine=own_explorers:SeesTruth")
     policies, out = ["pursuit", "own_explorers:FollowsPlan", *uses, "ppo:pretrained/reach"], own_folder / "out"
     assert main([*GOALS, "--policies", *policies, "--out", str(out)]) == 0
     names = {f"{name.partition('=')[0]} (ground truth)" for name in uses}
@@ -136,10 +132,7 @@ def test_an_explorer_that_leaves_and_a_slam_that_fails_cost_their_own_episodes_a
         (["--slam", "own_explorers:Circling"], [": own_explorers:Circling in pimouse_arena: TypeError: Circling() ta"]),
         (["--policies", "own_explorers:Circlign"], ["own_explorers", "no attribute", "did you mean 'Circling'"]),
         (["--policies", "nowhere.at_all:Mine"], ["no module 'nowhere'"]),
-        (
-            ["--policies", "own_explorers:guess"],
-            ["frontier rule guess: ", "unknown field of candidates 'gain'", "visible"],
-        ),
+        (["--policies", "own_explorers:guess"], ["frontier rule guess: unknown field of candidates 'gain'", "visible"]),
         (["--policies", "own_explorers:first_two"], ["frontier rule first_two must return", "scores", "got shape"]),
         (["--policies", "own_explorers:unknown"], ["frontier rule unknown must return", "scores without NaN"]),
         (["--policies", "own_explorers:Unread"], ["own_explorers:Unread: AttributeError", "own_explorers.py, line "]),

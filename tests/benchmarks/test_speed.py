@@ -108,8 +108,5 @@ def test_peers_become_rows_or_say_why_they_are_skipped(tmp_path, monkeypatch):
     assert [row["ratio"] for row in rows[:4]] == pytest.approx([1.0, 0.1, 1.0, 0.4])
     reasons = {row["simulator"]: row["simulates"] for row in rows[4:]}
     assert reasons.pop("odd").startswith('skipped: unreadable output \'{"num_envs": 1,')
-    assert reasons == {
-        "named": "skipped: not in a registry",
-        "broken": "skipped: no such module",
-        "missing": "skipped: no matching distribution",
-    }
+    assert reasons.pop("named") == "skipped: not in a registry"
+    assert reasons == {"broken": "skipped: no such module", "missing": "skipped: no matching distribution"}

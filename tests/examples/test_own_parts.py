@@ -53,11 +53,8 @@ def test_make_takes_all_parts():
     env = gymnasium.make("lidarnaut/Explore-v0", physics="kinematic", **OWN)
     observation, _ = env.reset(seed=0)
     *_, info = env.step(env.action_space.sample())
-    assert {name: part.shape for name, part in observation.items()} == {
-        "motion": (6,),
-        "beacons": (3,),
-        "sectors": (8,),
-    }
+    shapes = {name: part.shape for name, part in observation.items()}
+    assert shapes == {"motion": (6,), "beacons": (3,), "sectors": (8,)}
     assert "careful" in info["rewards"]
     assert (env.unwrapped.world.name, env.unwrapped.robot.name) == ("my_hall", "my_robot")
     env.close()
