@@ -105,14 +105,8 @@ def test_an_untrained_policy_drives_ahead_as_configured(tiny_config):
 
 def test_the_policy_of_the_package_explores_a_small_world_without_contact():
     driver = LearnedPolicy.load(find_policy("pretrained/twist"))
-    env = gymnasium.make(
-        ROOMS["id"],
-        world="rooms",
-        world_size=(7, 7),
-        control_hz=5.0,
-        robot="turtlebot3_waffle_pi",
-        observations=driver.observations,
-    )
+    room = {"world": "rooms", "world_size": (7, 7), "control_hz": 5.0, "robot": "turtlebot3_waffle_pi"}
+    env = gymnasium.make(ROOMS["id"], observations=driver.observations, **room)
     episode = run_episode(env, driver, 0)
     assert episode.end_reason == "covered"
     assert episode.duration < 0.5 * episode.time_limit

@@ -34,26 +34,6 @@ def adapt(*args, **arguments):
     return GymnasiumVecEnv(make(*args, **arguments))
 
 
-def test_sub_environments_give_what_single_environments_give():
-    singles = QUICK.model_copy(update={"vectorization": "sync"})
-    ours, theirs = (GymnasiumVecEnv(make_vector(config, "train", 3)) for config in (QUICK, singles))
-    for env in (ours, theirs):
-        env.seed(11)
-    np.testing.assert_equal(ours.reset(), theirs.reset())
-    ended = 0
-    for action in np.random.default_rng(0).uniform(-1, 1, (32, 3, 2)).astype(np.float32):
-        (*seen, infos), (*expected, their_infos) = ours.step(action), theirs.step(action)
-        np.testing.assert_equal(seen, expected)
-        for info, other in zip(infos, their_infos, strict=True):
-            assert set(info) == set(other)
-            if info:
-                ended += 1
-                np.testing.assert_equal(info.pop("terminal_observation"), other.pop("terminal_observation"))
-                assert info == {**other, "episode": pytest.approx(other["episode"])}
-    assert ended == 6
-    ours.close()
-
-
 class Limited(LidarEnv):
     def __init__(self, **arguments):
         super().__init__(Explore, **arguments)

@@ -27,15 +27,7 @@ def tiny(algorithm, id, **changes):
     network = {"features": 8, "channels": 2, "hidden": 8}
     if "Frontiers" in id and algorithm in ("PPO", "A2C"):
         network = {"width": 8, "heads": 2}
-    data = {
-        "experiment": "tiny",
-        "total_steps": 16,
-        "num_envs": 2,
-        "algorithm": algorithm,
-        "environment": environment,
-        "hyperparameters": hyperparameters,
-        "network": network,
-        "evaluation": {"episodes": 1, "every": 1000},
-        "checkpoints": {"every": 8, "keep": 2},
-    }
+    data = {"experiment": "tiny", "total_steps": 16, "num_envs": 2, "algorithm": algorithm, "network": network}
+    data |= {"environment": environment, "hyperparameters": hyperparameters}
+    data |= {"evaluation": {"episodes": 1, "every": 1000}, "checkpoints": {"every": 8, "keep": 2}}
     return parse_config(data | changes, "tiny")

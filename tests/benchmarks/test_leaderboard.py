@@ -139,11 +139,8 @@ def test_an_axis_is_compared_pair_by_pair():
     assert section.title == "What mapping error costs"
     assert "from the same 4 starts in maze." in text
     assert table.head[1:4] == ("area under curve %", "95 % reached %", "position error cm")
-    assert table.head[5:] == (
-        "area under curve %, difference to truth",
-        "time to 95 %, relative, difference to truth",
-        "distance to 95 %, relative, difference to truth",
-    )
+    names = "area under curve %", "time to 95 %, relative", "distance to 95 %, relative"
+    assert table.head[5:] == tuple(f"{name}, difference to truth" for name in names)
     shown = {line[0].text: [cell.text for cell in line[1:]] for line in table.lines}
     assert list(shown) == ["a, truth", "a, tinyslam", "a, odometry"]
     assert [cells[0] for cells in shown.values()] == ["80.0", "70.0", "20.0"]

@@ -93,15 +93,9 @@ def test_the_objects_themselves_can_be_given_in_python(tmp_path):
         **{"circling": own_code.Circling, "model": own_code.Model(), "frontier_0": own_code.first_frontier},
         **{"home": own_code.WORLD, "mouse": own_code.ROBOT, "mapper": own_code.my_slam},
     }
-    settings = Settings(
-        policies=("circling", "model", "frontier_0", "random"),
-        worlds=("home",),
-        robots=("mouse",),
-        slam=("mapper",),
-        physics=("kinematic",),
-        episodes=1,
-        time_limit=4.0,
-    )
+    brief = {"physics": ("kinematic",), "episodes": 1, "time_limit": 4.0}
+    policies = "circling", "model", "frontier_0", "random"
+    settings = Settings(policies=policies, worlds=("home",), robots=("mouse",), slam=("mapper",), **brief)
     here, there = (Evaluation(settings, tmp_path / name, custom=given) for name in ("here", "there"))
     assert here.run() == there.run(jobs=2) == []
     both = [[(row["policy"], row["path_length"], row["robot"]) for row in each.rows()] for each in (here, there)]

@@ -126,12 +126,8 @@ def test_the_arena_of_the_project_covers_everything():
     settings = read_record(Path(__file__).parents[2] / "configs" / "arena.yaml", Settings)
     # Families are listed only if they have results.
     assert set(settings.worlds) == {*WORLD_NAMES, "rooms", "maze", "warehouse", "caves"}
-    assert set(settings.policies) == {
-        *EXPLORERS,
-        "learned=learned:pretrained/frontiers",
-        "learned_pursuit=pursuit:pretrained/frontiers",
-        "twist=ppo:pretrained/twist",
-    }
+    learned = {f"learned{name}:pretrained/frontiers" for name in ("=learned", "_pursuit=pursuit")}
+    assert set(settings.policies) == {*EXPLORERS, *learned, "twist=ppo:pretrained/twist"}
     assert set(settings.slam_axis.slam) == set(SLAM_NAMES)
 
 

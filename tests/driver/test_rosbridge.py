@@ -220,11 +220,9 @@ def test_damaged_messages_are_dropped(from_messages):
     session = drive.Session(options, topics)
     topics.publish("/tf_static", messages.static_transforms(robot.robot.lidar.mount))
     for k in range(150):
-        for topic, message in {
-            "/clock": messages.clock(robot.time),
-            "/odom": messages.odometry(robot.time, robot.odometry, robot.twist),
-            "/scan": messages.laser_scan(robot.time, robot.reading.ranges, robot.robot.lidar, 0.1),
-        }.items():
+        odometry = messages.odometry(robot.time, robot.odometry, robot.twist)
+        scan = messages.laser_scan(robot.time, robot.reading.ranges, robot.robot.lidar, 0.1)
+        for topic, message in (("/clock", messages.clock(robot.time)), ("/odom", odometry), ("/scan", scan)):
             topics.publish(topic, message)
             if 20 < k < 120 and rng.random() < 0.3:
                 with contextlib.suppress(Exception):  # as in `Rosbridge`

@@ -14,22 +14,12 @@ from lidarnaut.train_command import main as train
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TASK = "own_task:own_task/ReachGoal-v0"
-OWN = {
-    "world": "own_map:draw_world",
-    "robot": "own_robot:ROBOT",
-    "sensors": ["own_sensor:Beacons"],
-    "reward": "own_reward:Careful",
-    "observations": {"motion": None, "beacons": None, "sectors": "own_observation:Sectors"},
-    "slam": "own_slam:Forgetful",
-}
-TRAINING = {
-    "recipe": None,
-    "total_steps": 16,
-    "num_envs": 2,
-    "algorithm": "own_algorithm:FadingPPO",
-    "hyperparameters": {"n_steps": 8, "batch_size": 16, "n_epochs": 1, "first_ent_coef": 0.02},
-    "evaluation": {"episodes": 1, "references": ["random"]},
-}
+OWN = {"world": "own_map:draw_world", "robot": "own_robot:ROBOT", "sensors": ["own_sensor:Beacons"]}
+OWN |= {"reward": "own_reward:Careful", "slam": "own_slam:Forgetful"}
+OWN |= {"observations": {"motion": None, "beacons": None, "sectors": "own_observation:Sectors"}}
+TRAINING = {"recipe": None, "total_steps": 16, "num_envs": 2, "algorithm": "own_algorithm:FadingPPO"}
+TRAINING |= {"hyperparameters": {"n_steps": 8, "batch_size": 16, "n_epochs": 1, "first_ent_coef": 0.02}}
+TRAINING |= {"evaluation": {"episodes": 1, "references": ["random"]}}
 
 
 @pytest.fixture(autouse=True)

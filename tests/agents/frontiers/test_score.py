@@ -54,13 +54,11 @@ def test_weights_of_rules_choose_as_the_rules_do(make, weights, rule):
 
 def test_features_are_finite_and_vary():
     env = ExploreFrontiersAbstractEnv(**QUICK)
-    features = np.vstack(
-        [
-            score_features(*(observation[name] for name in PARTS), len(env.candidates))
-            for seed in range(4)
-            for observation, _ in drive(env, FrontierScore(), seed, 25)
-        ]
-    )
+    rows = []
+    for seed in range(4):
+        for observation, _ in drive(env, FrontierScore(), seed, 25):
+            rows.append(score_features(*(observation[name] for name in PARTS), len(env.candidates)))
+    features = np.vstack(rows)
     assert features.shape[1] == NUM_FEATURES == len(NAMES)
     assert np.isfinite(features).all()
     assert np.abs(features).max() < 20.0
