@@ -10,17 +10,26 @@ from tests.logs.bags import drive, write_bag
 INF, NAN = math.inf, math.nan
 
 
-def standing(tmp_path, ranges, *mount, **beams):
-    """Write a bag of two scans at rest; `mount`: (x, y, yaw, roll) of the lidar."""
+def driving(tmp_path, scans, transforms=(), odometry=()):
+    """Write a bag of a drive at 0.1 m/s along x from 10 to 20 s; `scans`: arguments of `Messages.scan`."""
 
     def messages(m):
-        if mount:
-            yield "/tf_static", m.transforms(0.0, ("base_link", "laser", *mount))
-        for k in range(2):
-            yield "/odom", m.odometry(float(k), 0.0, 0.0, 0.0)
-            yield "/scan", m.scan(float(k), ranges, **beams)
+        for topic, seconds, *edges in transforms:
+            yield topic, m.transforms(seconds, *edges)
+        for k in range(11):
+            yield "/odom", m.odometry(10.0 + k, 0.1 * k, 0.0, 0.0)
+        for name, values in odometry:
+            yield name, m.odometry(*values)
+        for arguments, fields in scans:
+            yield "/scan", m.scan(*arguments, **fields)
 
     return write_bag(tmp_path / "drive", messages)
+
+
+def standing(tmp_path, ranges, *mount, **beams):
+    """Write a bag of two equal scans; `mount`: (x, y, yaw, roll) of the lidar."""
+    transforms = [("/tf_static", 0.0, ("base_link", "laser", *mount))] if mount else []
+    return driving(tmp_path, [((10.0 + k, ranges), beams) for k in range(2)], transforms)
 
 
 @pytest.mark.parametrize("storage", ["ros1", "sqlite3", "mcap", "file"])
@@ -155,22 +164,6 @@ def test_bags_without_usable_scans_are_refused(tmp_path):
     (tmp_path / "broken" / "metadata.yaml").write_text("rosbag2_bagfile_information: 3\n")
     with pytest.raises(ValueError, match="damaged or not a bag"):
         load_log(tmp_path / "broken")
-
-
-def driving(tmp_path, scans, transforms=(), odometry=()):
-    """Write a bag of a drive at 0.1 m/s along x from 10 to 20 s; `scans`: arguments of `Messages.scan`."""
-
-    def messages(m):
-        for topic, seconds, *edges in transforms:
-            yield topic, m.transforms(seconds, *edges)
-        for k in range(11):
-            yield "/odom", m.odometry(10.0 + k, 0.1 * k, 0.0, 0.0)
-        for name, values in odometry:
-            yield name, m.odometry(*values)
-        for arguments, fields in scans:
-            yield "/scan", m.scan(*arguments, **fields)
-
-    return write_bag(tmp_path / "drive", messages)
 
 
 ROOM = [(-2.0, -3.0, 4.0, -3.0), (4.0, -3.0, 4.0, 3.5), (4.0, 3.5, -2.0, 3.5), (-2.0, 3.5, -2.0, -3.0)]
