@@ -1,6 +1,5 @@
 import errno
 import json
-import logging
 import os
 import re
 import signal
@@ -201,15 +200,3 @@ def test_an_interrupt_while_workers_start_is_one_line(tmp_path):
     assert done.returncode == 130, done.stderr
     assert "Interrupted. Finished episodes are kept" in done.stderr
     assert "Traceback" not in done.stderr
-
-
-def test_progress_is_logged_if_asked(tmp_path, capfd, monkeypatch, no_overview):
-    """Workers log as well."""
-    monkeypatch.setattr(logging.getLogger(), "handlers", [])
-    monkeypatch.setattr(logging.getLogger("lidarnaut"), "level", logging.WARNING)
-    options = "--episodes 1 --physics kinematic --time-limit 21 --slam truth --policies nearest random --jobs 2 -v"
-    assert main([*options.split(), "--worlds", WORLD, "--out", str(tmp_path)]) == 0
-    lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("lidarnaut.baselines.episode: ")]
-    assert len([line for line in lines if "RandomExplorer, seed 0, 20 s: explored_fraction 0." in line]) == 1
-    pattern = r"NearestExplorer, seed 0, 10 s: explored_fraction 0\.\d{3}, goal \[.*\], \d+ frontiers, 0 blacklisted"
-    assert any(re.search(pattern, line) for line in lines)

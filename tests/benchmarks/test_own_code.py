@@ -27,13 +27,15 @@ def own_folder(tmp_path, monkeypatch):
     sys.path[:] = [path for path in sys.path if path != str(tmp_path)]
 
 
-def test_explorers_and_policies_of_a_users_module_enter_the_arena(own_folder, no_overview):
+def test_explorers_and_policies_of_a_users_module_enter_the_arena_which_logs_progress_if_asked(own_folder):
     policies = ["nearest", *(f"own_explorers:{name}" for name in POLICIES[:-1]), "mine=own_explorers:MaskedModel"]
-    # In another process with two workers: the module is found in the current folder.
-    command = [sys.executable, str(ROOT / "evaluate.py"), *BRIEF, "--policies", *policies]
-    options = ["--worlds", "pimouse_arena", "--no-world-sections", "--jobs", "2", "--out", "out"]
-    done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+    # In another process with two workers, which log as well: the module is found in the current folder.
+    command = [sys.executable, str(ROOT / "evaluate.py"), "--policies", *policies, "--worlds", "turtlebot3_world", "-v"]
+    options = ["--episodes", "1", "--physics", "kinematic", "--time-limit", "12", "--jobs", "2", "--out", "out"]
+    done = subprocess.run([*command, *options, "--no-world-sections"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    said = r"lidarnaut.baselines.episode: NearestExplorer, seed 0, 10 s: explored_fraction 0\.\d{3}, goal \[.*\], "
+    assert len(re.findall(said + r"\d+ frontiers, 0 blacklisted", done.stderr)) == 1
     rows = read_rows(own_folder / "out")
     assert {row["policy"] for row in rows} == {*policies[:-1], "mine"}
     for row in rows:

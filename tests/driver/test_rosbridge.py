@@ -106,10 +106,12 @@ def test_the_dead_mans_switch_permits_driving(broker):
         assert max(map(abs, server.robot.odometry)) < 0.01
         with contextlib.closing(Rosbridge(broker.url)) as bridge:
             bridge.advertise("/enable", "std_msgs/msg/Bool")
-            for _ in range(20):
+
+            def is_enabled():
                 bridge.publish("/enable", {"data": True})
-                time.sleep(0.1)
-            assert session.reason == ""
+                return session.reason == ""
+
+            wait_for(is_enabled)
         wait_for(lambda: session.reason == "/enable is not true")
 
 
