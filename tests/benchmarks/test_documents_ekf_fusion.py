@@ -26,15 +26,6 @@ from lidarnaut.envs.localization.fusion import FUSIONS, start_covariance
 STEPS = 60
 
 
-@pytest.fixture(scope="module")
-def drive():
-    return run_drive(hall(), 0, {**FILTERS, **FAULTS}, max_steps=STEPS)
-
-
-def hall():
-    return make_env("kinematic", 0, 0.69, "no disturbance", {"path": experiment.QUICK["path"]})
-
-
 def make_drive(errors, covariance=None, straights=0.0):
     truth = np.tile([1.0, 2.0, math.pi - 0.001], (len(errors), 1))
     covariances = np.tile(np.eye(3) if covariance is None else covariance, (len(errors), 1, 1))
@@ -43,7 +34,9 @@ def make_drive(errors, covariance=None, straights=0.0):
     return RouteDrive("kinematic", 0, "completed", 0, time, truth, directions, estimated, {"full": covariances})
 
 
-def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable(drive):
+def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable():
+    hall = make_env("kinematic", 0, 0.69, "no disturbance", {"path": experiment.QUICK["path"]})
+    drive = run_drive(hall, 0, {**FILTERS, **FAULTS}, max_steps=STEPS)
     assert drive.end_reason == "max_steps"
     assert drive.time == pytest.approx(np.arange(1, STEPS + 1) / 17)
     assert set(drive.estimated) == set(drive.covariance) == {*FUSIONS, *FAULTS}
@@ -56,7 +49,7 @@ def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable(drive):
     # Fusions differ: wheels alone do not use the compass, and the localizer is not filtered.
     errors = [drive.error(fusion) for fusion in FUSIONS]
     assert all((one != other).any() for k, one in enumerate(errors) for other in errors[:k])
-    again = run_drive(hall(), 0, max_steps=20)
+    again = run_drive(hall, 0, max_steps=20)
     for fusion in FUSIONS:
         np.testing.assert_array_equal(again.estimated[fusion], drive.estimated[fusion][:20])
 

@@ -1,8 +1,6 @@
 import json
 import pickle
 import re
-import shutil
-import sys
 from pathlib import Path
 
 import gymnasium
@@ -89,20 +87,6 @@ def test_arguments_of_the_environment_are_its_own(tmp_path, capsys):
     assert main([*command, "--arguments.goal_tolerance", "0.2"]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert "holds an evaluation with arguments {}, not {'goal_tolerance': 0.2}" in said
-
-
-def test_an_own_task_with_a_goal_in_an_unknown_world_is_driven_by_the_classic_controllers(tmp_path, monkeypatch):
-    shutil.copy(ROOT / "examples" / "own_task.py", tmp_path)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    options = ["--id", "own_task:own_task/ReachGoal-v0", "--policies", "pursuit", "dwb", "random"]
-    options += ["--physics", "kinematic", "--arguments.world_size", "[8.0, 8.0]", "--record", "--no-world-sections"]
-    assert main([*options, "--episodes", "2", "--out", "out"]) == 0
-    sys.modules.pop("own_task")
-    rows = read_rows(tmp_path / "out")
-    assert {row["end_reason"] for row in rows if row["policy"] != "random"} == {"reached"}
-    assert {row["world"] for row in rows} == {"rooms"}
-    assert (tmp_path / "out" / "players").exists()
 
 
 def test_parameters_of_a_policy_and_of_its_navigator_are_set_by_name():

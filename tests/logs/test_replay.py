@@ -4,7 +4,6 @@ import math
 import runpy
 import sys
 import types
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +18,6 @@ from lidarnaut.envs.logs.runs import picture, replay, save_g2o
 from lidarnaut.envs.slam import SLAM_NAMES, Belief
 from tests.logs.test_logs import CARMEN
 from tests.logs.test_relations import DATA, needs_data
-
-ROOT = Path(__file__).parents[2]
 
 
 class TurningSlam:
