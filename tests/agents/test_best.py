@@ -175,8 +175,8 @@ def test_the_bar_names_its_values_and_estimates_from_training_alone(config, tmp_
     monkeypatch.setattr(callbacks, "time", SimpleNamespace(monotonic=lambda: now[0]))
     monkeypatch.setattr(callbacks.Evaluator, "policy", lasting(whole, 1000.0))
     monkeypatch.setattr(callbacks.RunCallback, "_on_step", lasting(callbacks.RunCallback._on_step, 0.01))
-    run, start = callbacks.RunCallback, callbacks.RunCallback._on_rollout_start
-    monkeypatch.setattr(run, "_on_rollout_start", lambda self: start(self) or seen.append(bars[0].rate))
+    callback, start = callbacks.RunCallback, callbacks.RunCallback._on_rollout_start
+    monkeypatch.setattr(callback, "_on_rollout_start", lambda self: start(self) or seen.append(bars[0].rate))
     train(config, run=tmp_path / "run", progress=False)
     assert seen[: MIN_ROLLOUTS + 1] == [0.0] * (MIN_ROLLOUTS + 1)
     assert seen[-1] == pytest.approx(config.num_envs / 0.01)

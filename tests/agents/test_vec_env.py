@@ -171,7 +171,10 @@ def test_the_environments_of_several_robots_are_stepped_as_each_for_itself(how):
         np.testing.assert_equal(seen, {name: np.concatenate([one[0][name] for one in theirs]) for name in seen})
         np.testing.assert_equal(rewards, np.concatenate([one[1] for one in theirs]))
         np.testing.assert_equal(dones, np.concatenate([one[2] for one in theirs]))
-        assert [info.keys() for info in infos] == [info.keys() for one in theirs for info in one[3]]
+        others = [info for one in theirs for info in one[3]]
+        assert [info.keys() for info in infos] == [info.keys() for info in others]
+        last, expected = ([info.get("terminal_observation") for info in some] for some in (infos, others))
+        np.testing.assert_equal(last, expected)
         ended += dones.sum()
     assert ended >= 5
     assert [robot.name for robot in joined.get_attr("robot", [0, 2, 4])] == ["jackal"] * 2 + ["turtlebot3_burger"]
