@@ -36,6 +36,7 @@ def test_explorers_and_policies_of_a_users_module_enter_the_arena_which_logs_pro
     assert done.returncode == 0, done.stderr
     said = r"lidarnaut.baselines.episode: NearestExplorer, seed 0, 10 s: explored_fraction 0\.\d{3}, goal \[.*\], "
     assert len(re.findall(said + r"\d+ frontiers, 0 blacklisted", done.stderr)) == 1
+    assert done.stderr.count("Circling, seed 0, 10 s: explored_fraction 0.") == 1
     rows = read_rows(own_folder / "out")
     assert {row["policy"] for row in rows} == {*policies[:-1], "mine"}
     for row in rows:
