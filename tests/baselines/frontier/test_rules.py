@@ -5,12 +5,7 @@ from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines import FrontierParams, GainOverCostExplorer, RrtParams, TourParams, make_explorer
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.baselines.frontier.rules import (
-    ExploreLite,
-    ExploreLiteExplorer,
-    NextBestViewExplorer,
-    NextBestViewParams,
-)
+from lidarnaut.baselines.frontier.rules import ExploreLite, NextBestViewParams
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.navigation import GainOverCost
@@ -118,7 +113,7 @@ def test_explore_lite_weighs_three_metres_against_nine_cells():
     assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 299)))[0] < 7.0
     assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 339)))[0] > 13.0
     # Without gain, the nearer frontier is better.
-    explorer = ExploreLiteExplorer(ExploreLite(gain_scale=0.0))
+    explorer = parse_policy("explore_lite?gain_scale=0.0").make()
     assert first_choice(explorer, 10.0, -0.5, corridor((103, 122), (280, 339)))[0] < 7.0
 
 
@@ -127,7 +122,7 @@ def test_explore_lite_weighs_three_metres_against_nine_cells():
     [
         (make_explorer("greedy_gain"), True),
         (make_explorer("next_best_view:published"), False),
-        (NextBestViewExplorer(NextBestViewParams(discount=0.0)), True),
+        (parse_policy("next_best_view?discount=0.0").make(), True),
         (GainOverCostExplorer(), True),
         # A small added cost favours the nearest frontier; a high minimum gain makes all views equal.
         (GainOverCostExplorer(GainOverCost(least_gain=100.0, least_cost=0.1)), False),
