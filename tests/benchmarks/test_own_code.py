@@ -131,7 +131,7 @@ def test_an_explorer_that_leaves_and_a_slam_that_fails_cost_their_own_episodes_a
         (["--policies", "nowhere.at_all:Mine"], ["no module 'nowhere'"]),
         (
             ["--policies", "own_explorers:guess"],
-            ["rule guess: ValueError: unknown field of candidates 'gain'", "visible"],
+            ["frontier rule guess: ValueError: unknown field", "'gain'", "visible"],
         ),
         (["--policies", "own_explorers:first_two"], ["frontier rule first_two must return", "scores", "got shape"]),
         (["--policies", "own_explorers:unknown"], ["frontier rule unknown must return", "scores without NaN"]),
