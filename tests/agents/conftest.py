@@ -8,11 +8,8 @@ from lidarnaut.envs.files import parse_record
 from tests.agents.fake_env import ID
 from tests.agents.tiny import tiny
 
-TINY = {
-    "experiment": "tiny",
-    "total_steps": 768,
-    "num_envs": 4,
-    "algorithm": "PPO",
+TINY = {"experiment": "tiny", "total_steps": 768, "num_envs": 4, "algorithm": "PPO"}
+TINY |= {
     "environment": {"id": ID, "vectorization": "sync", "time_limit": 4.0},
     "hyperparameters": {"n_steps": 32, "batch_size": 64, "n_epochs": 2},
     "evaluation": {"every": 256, "episodes": 3, "references": []},

@@ -91,11 +91,9 @@ def replace_text(folder, file, change):
 
 
 def write(folder, file, content):
-    (folder / file).write_bytes(content)
-
-
-def remove(folder, file, _):
     (folder / file).unlink()
+    if content is not None:
+        (folder / file).write_bytes(content)
 
 
 POLICY, TRAINING, RECORD = "policy.safetensors", "training.safetensors", "checkpoint.json"
@@ -105,8 +103,8 @@ POLICY, TRAINING, RECORD = "policy.safetensors", "training.safetensors", "checkp
     ("damage", "file", "change", "message"),
     [
         (write, TRAINING, b"x", "training.safetensors was altered or truncated"),
-        (remove, POLICY, None, "No such file.*policy.safetensors"),
-        (remove, RECORD, None, "No such file.*checkpoint.json"),
+        (write, POLICY, None, "No such file.*policy.safetensors"),
+        (write, RECORD, None, "No such file.*checkpoint.json"),
         (write, RECORD, b"\xff\x00", "checkpoint.json"),
         (write, RECORD, b"[" * 100_000, "checkpoint.json: Invalid JSON: recursion limit"),
         (replace_text, RECORD, ('"updates"', '"updatse"'), "checkpoint.json: .*'updates' is missing"),

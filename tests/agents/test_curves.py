@@ -5,15 +5,8 @@ import pytest
 
 from lidarnaut.agents.curves import draw_learning_curve, draw_sweep, read_evaluations
 
-ROW = {
-    "policy": "learned",
-    "steps": 0,
-    "progress": 0.5,
-    "success": 0.5,
-    "spl": 0.2,
-    "spl_q25": 0.1,
-    "scores": "0.1 0.3",
-}
+ROW = {"policy": "learned", "steps": 0, "progress": 0.5, "success": 0.5}
+ROW |= {"spl": 0.2, "spl_q25": 0.1, "scores": "0.1 0.3"}
 
 
 def write(run, rows):

@@ -1,14 +1,11 @@
 import contextlib
-import copy
 import shutil
 
 import numpy as np
 import pytest
 
-from lidarnaut import evaluate_command as evaluate
 from lidarnaut.agents.algorithms import build_policy
 from lidarnaut.agents.checkpoint import load_checkpoint
-from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.agents.evaluation import Evaluator, run_episodes
 from lidarnaut.agents.explorer import LearnedPolicy
@@ -20,24 +17,13 @@ from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
 from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_env, make_vector
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.envs.files import parse_record
 from lidarnaut.envs.worlds import WORLD_NAMES
-from tests.agents.test_sweep import read_table
+from tests.agents.tiny import tiny
 
+ENVIRONMENT = {"id": "lidarnaut/ExploreFrontiersAbstract-v0", "world": "rooms", "world_size": [8, 8], "num_workers": 0}
+ENVIRONMENT |= {"slam": "truth", "target_coverage": 0.9, "reward": {"explored": 0.03, "time": -0.01, "completed": 0.0}}
 DATA = {
-    "experiment": "choices",
-    "total_steps": 64,
-    "num_envs": 4,
-    "algorithm": "PPO",
-    "environment": {
-        "id": "lidarnaut/ExploreFrontiersAbstract-v0",
-        "world": "rooms",
-        "world_size": [8, 8],
-        "slam": "truth",
-        "target_coverage": 0.9,
-        "num_workers": 0,
-        "reward": {"explored": 0.03, "time": -0.01, "completed": 0.0},
-    },
+    "environment": ENVIRONMENT,
     "hyperparameters": {"n_steps": 8, "batch_size": 16, "n_epochs": 2, "gamma": 1.0, "learning_rate": "lin_0.003"},
     "network": {"width": 16, "heads": 2, "prior": 1.0},
     "evaluation": {"every": 1000, "episodes": 3, "references": ["random", "gain_over_cost"]},
@@ -45,11 +31,9 @@ DATA = {
 }
 
 
-def changed(**sections):
-    data = copy.deepcopy(DATA)
-    for name, values in sections.items():
-        data[name] = data[name] | values if isinstance(values, dict) else values
-    return parse_record(data, "choices", TrainingConfig)
+def changed(total_steps=64, **sections):
+    data = {name: values | sections.get(name, {}) for name, values in DATA.items()}
+    return tiny("PPO", "ExploreFrontiersAbstract", total_steps=total_steps, num_envs=4, **data)
 
 
 @pytest.fixture(scope="module")
@@ -94,24 +78,11 @@ def test_a_training_starts_from_a_score_which_its_checkpoints_hold(tmp_path):
     assert env.action_space.contains(LearnedPolicy.load(checkpoint)(env.reset(seed=0)[0]))
 
 
-def test_a_prior_that_is_no_score_of_frontiers_is_refused(run, tmp_path):
+def test_priors_and_checkpoints_that_do_not_fit_are_refused(run, tmp_path):
     for folder, message in ((run, "holds no readable frontier score"), (tmp_path, "is neither a run folder")):
         with pytest.raises(CheckpointError, match=message):
             train(changed(network={"prior_policy": str(folder)}), run=tmp_path / "run", progress=False)
     assert not (tmp_path / "run").exists()
-
-
-def test_what_was_learned_is_evaluated_by_its_name_with_the_observations_that_it_needs(run, tmp_path):
-    policies = ["nearest", f"mine=ppo:{run}", "twist=ppo:pretrained/twist"]
-    options = ["--worlds", "rooms", "--episodes", "1", "--physics", "kinematic", "--time-limit", "12"]
-    out = tmp_path / "out"
-    assert evaluate.main(["--policies", *policies, *options, "--out", str(out), "--no-world-sections"]) == 0
-    lengths = read_table(out / "episodes.csv", "path_length")
-    assert len(lengths) == 3
-    assert min(lengths) > [0.5]
-
-
-def test_a_checkpoint_of_another_environment_or_network_is_refused(run):
     twists = {"id": "lidarnaut/Explore-v0", "world_size": [8, 8]}
     config = changed(environment=twists).model_copy(update={"network": {}})
     with pytest.raises(CheckpointError, match=r"environment\.id: .*ExploreFrontiersAbstract-v0"):

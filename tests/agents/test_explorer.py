@@ -69,9 +69,19 @@ ROOMS = {"world": "rooms", "world_size": [7, 7], "control_hz": 5.0, "num_workers
 ROOMS |= {"id": "lidarnaut/Explore-v0"}
 
 
-def test_scans_of_other_lidars_are_shown_as_that_of_the_training(tmp_path):
-    trained = "turtlebot3_waffle_pi"
-    environment = {**ROOMS, "robot": trained, "observations": ["scan", "motion"]}
+class Position:
+    """Observation part without bounds."""
+
+    def space(self, robot):
+        return spaces.Box(-np.inf, np.inf, (1,), np.float32)
+
+    def write(self, robot, out):
+        out[0] = robot.belief.pose.x
+
+
+def test_scans_of_other_lidars_are_shown_as_that_of_the_training_beside_parts_without_bounds(tmp_path):
+    trained, parts = "turtlebot3_waffle_pi", {"scan": None, "motion": None, "position": f"{__name__}:Position"}
+    environment = {**ROOMS, "robot": trained, "observations": parts}
     run = train(tiny("PPO", "Explore", environment=environment), run=tmp_path / "run", progress=False)
 
     def act(name, distance):
@@ -80,7 +90,8 @@ def test_scans_of_other_lidars_are_shown_as_that_of_the_training(tmp_path):
         bearings = wrap_angle(robot.lidar.angles + robot.lidar.mount.yaw)
         ranges = np.where(np.abs(bearings) < 0.5, distance, np.inf)
         scan = np.minimum(ranges / robot.lidar.range_max, 1.0).astype(np.float32)
-        return explorer({"scan": scan, "motion": np.zeros(6, np.float32)})
+        assert explorer.observations == parts
+        return explorer({"scan": scan, "motion": np.zeros(6, np.float32), "position": np.ones(1, np.float32)})
 
     assert act("create3", 0.4) == pytest.approx(act(trained, 0.4), abs=0.002)
     assert act(trained, 0.4) != pytest.approx(act(trained, np.inf), abs=0.002)
@@ -94,14 +105,8 @@ def test_an_untrained_policy_drives_ahead_as_configured(tiny_config):
 
 def test_the_policy_of_the_package_explores_a_small_world_without_contact():
     driver = LearnedPolicy.load(find_policy("pretrained/twist"))
-    env = gymnasium.make(
-        ROOMS["id"],
-        world="rooms",
-        world_size=(7, 7),
-        control_hz=5.0,
-        robot="turtlebot3_waffle_pi",
-        observations=driver.observations,
-    )
+    room = {"world": "rooms", "world_size": (7, 7), "control_hz": 5.0, "robot": "turtlebot3_waffle_pi"}
+    env = gymnasium.make(ROOMS["id"], observations=driver.observations, **room)
     episode = run_episode(env, driver, 0)
     assert episode.end_reason == "covered"
     assert episode.duration < 0.5 * episode.time_limit
@@ -143,24 +148,3 @@ def test_a_policy_that_is_measured_with_ground_truth_is_marked_in_its_run_and_in
     policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))
     assert env.action_space.contains(policy(env.reset(seed=0)[0]))
     env.close()
-
-
-class Position:
-    """Observation part without bounds."""
-
-    def space(self, robot):
-        return spaces.Box(-np.inf, np.inf, (1,), np.float32)
-
-    def write(self, robot, out):
-        out[0] = robot.belief.pose.x
-
-
-def test_parts_without_bounds_are_observed_and_saved(tmp_path):
-    environment = {"id": "lidarnaut/Explore-v0", "world": "rooms", "num_workers": 0, "time_limit": 1.0}
-    environment["observations"] = {"motion": None, "position": f"{__name__}:Position"}
-    config = tiny("PPO", "Explore", environment=environment)
-    policy = LearnedPolicy.load(train(config, run=tmp_path / "run", progress=False), trust="tests")
-    env = gymnasium.make("lidarnaut/Explore-v0", world="rooms", physics="kinematic", observations=policy.observations)
-    observation, _ = env.reset(seed=0)
-    policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))
-    assert policy(observation).shape == (2,)

@@ -21,6 +21,8 @@ from tests.agents.tiny import CASES, tiny
 NO_REFERENCES = {"episodes": 1, "every": 1000, "references": []}
 DIFFERENT = ("SAC", "TD3", "TQC", "CrossQ", "RecurrentPPO", "MaskablePPO", "DQN", "QRDQN")
 """Algorithms whose networks differ."""
+EXPORTED = [("PPO", "ExploreFrontiers"), *(case for case in CASES if case[0] in DIFFERENT)]
+NETWORKS = sorted(path.parent.name for path in PRETRAINED.glob(f"*/{POLICY_FILE}"))
 
 
 @pytest.fixture
@@ -79,9 +81,7 @@ def acts_alike(onnxruntime, config, run, path, steps=12):
     return about
 
 
-@pytest.mark.parametrize(
-    ("algorithm", "id"), [("PPO", "ExploreFrontiers"), *(case for case in CASES if case[0] in DIFFERENT)]
-)
+@pytest.mark.parametrize(("algorithm", "id"), EXPORTED)
 def test_a_file_acts_as_the_policy_of_every_algorithm(algorithm, id, trained, onnxruntime, tmp_path):
     config, run = trained(algorithm, id)
     returned = main(f"learned:{run}", tmp_path / "new" / "policy.onnx")
@@ -95,10 +95,8 @@ def test_a_file_acts_as_the_policy_of_every_algorithm(algorithm, id, trained, on
 
 def test_parts_of_any_name_and_kind_and_networks_of_the_library(onnxruntime, tmp_path):
     environment = {"id": "lidarnaut/ReachCrowd-v0", "world": "hall", "world_size": [8, 8], "num_workers": 0}
-    environment |= {
-        "robots": ["lidarnaut.agents.robots:SEES_AROUND", "lidarnaut.agents.robots:SLOW_SEES_AROUND"],
-        "time_limit": 1.0,
-    }
+    environment["robots"] = [f"lidarnaut.agents.robots:{name}" for name in ("SEES_AROUND", "SLOW_SEES_AROUND")]
+    environment["time_limit"] = 1.0
     parts = {"scan_history": None, "goal": None, "limits": None, "quadrant": "tests.agents.test_export:Quadrant"}
     extractor = "stable_baselines3.common.torch_layers:CombinedExtractor"
     plain = {"features_extractor_class": extractor, "features_extractor_kwargs": {}, "net_arch": [16, 8]}
@@ -118,9 +116,7 @@ def test_parts_of_any_name_and_kind_and_networks_of_the_library(onnxruntime, tmp
     assert about["robot"]["name"] == "sees_around"
 
 
-@pytest.mark.parametrize(
-    "name", sorted(folder.name for folder in PRETRAINED.glob("*/") if (folder / POLICY_FILE).exists())
-)
+@pytest.mark.parametrize("name", NETWORKS)
 def test_every_network_of_the_package_becomes_a_file(name, onnxruntime, tmp_path):
     about = main(f"ppo:pretrained/{name}", tmp_path / "policy.onnx")  # compares both, on batches of 64 and of 1
     session, _ = read(onnxruntime, tmp_path / "policy.onnx")

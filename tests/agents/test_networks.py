@@ -46,14 +46,10 @@ def test_a_lost_beam_does_not_look_like_an_obstacle():
 
 
 def test_tables_crops_of_any_side_and_names_with_dots_are_read():
-    parts = {
-        "map_near": spaces.Box(0, 255, (3, 24, 13), np.uint8),
-        "maps": spaces.Box(0, 255, (2, 3, 20, 20), np.uint8),
-        "mylab.parts:Route": spaces.Box(-1.0, 1.0, (10, 2)),
-        "scan": spaces.Box(0.0, 1.0, (2, 36)),
-        "merge": spaces.Box(-1.0, 1.0, ()),
-        "action_mask": spaces.MultiBinary(5),
-    }
+    shapes = {"map_near": (3, 24, 13), "maps": (2, 3, 20, 20)}
+    parts = {name: spaces.Box(0, 255, shape, np.uint8) for name, shape in shapes.items()}
+    parts |= {"mylab.parts:Route": spaces.Box(-1.0, 1.0, (10, 2)), "scan": spaces.Box(0.0, 1.0, (2, 36))}
+    parts |= {"merge": spaces.Box(-1.0, 1.0, ()), "action_mask": spaces.MultiBinary(5)}
     space = spaces.Dict(parts)
     inputs = {key: value.requires_grad_() for key, value in sample(space, 3).items()}
     network = ExplorerFeatures(space, features_dim=8)

@@ -65,6 +65,9 @@ def test_models_are_asked_as_they_expect():
     assert model.seen[:2] == (None, True)  # a new episode
     plain = SimpleNamespace(predict=lambda observation: observation["scan"][:2])
     assert drive(make_policy(plain, BOX))[0].tolist() == [1.0, 1.0]
+    for others in ((), (None,), ("log_prob", "value")):
+        model = SimpleNamespace(predict=lambda observation, others=others: (np.array([0.5, 0.0]), *others))
+        assert drive(make_policy(model, BOX))[0].tolist() == [0.5, 0.0]
 
 
 def test_reset_plan_and_reason_of_a_policy_are_used():
@@ -104,12 +107,6 @@ def test_models_are_reset_if_they_take_what_a_reset_gives():
     assert drive(make_policy(Reseeding(), BOX))[0].tolist() == [0.0, 0.0]
 
 
-@pytest.mark.parametrize("others", [(), (None,), ("log_prob", "value")])
-def test_models_may_return_their_action_first_in_any_tuple(others):
-    model = SimpleNamespace(predict=lambda observation: (np.array([0.5, 0.0]), *others))
-    assert drive(make_policy(model, BOX))[0].tolist() == [0.5, 0.0]
-
-
 def test_levels_are_declared():
     def chooser():
         return SimpleNamespace(predict=lambda observation: 0)
@@ -122,31 +119,16 @@ def test_levels_are_declared():
 
 
 def test_what_cannot_explore_is_refused():
-    with pytest.raises(
-        ValueError, match=r"7 is not an explorer, rule or callable of an observation, and lacks predict"
-    ):
+    with pytest.raises(ValueError, match="7 is not an explorer, rule or callable of an observation, and lacks predict"):
         make_policy(7)
     with pytest.raises(ValueError, match="must be a subclass of lidarnaut"):
         make_policy(SimpleNamespace(act=lambda reading, belief: None))
 
 
-def test_explorers_of_another_base_get_the_defaults_of_the_base_class():
-    class Still:
-        plan = "own"
-
-        def act(self, reading, belief):
-            return None
-
-    policy = make_policy(Still)
-    assert isinstance(policy, Explorer)
-    assert (type(policy).__name__, policy.plan, policy.plans, policy.end_reason) == ("Still", "own", ["own"], None)
-    drive_alone = OnePerRobot(Still())
-    drive_alone.reset(None, 0.1, np.random.default_rng(0))
-    assert drive_alone.act([None] * 2, [None] * 2) == [None, None]
-
-
 class Duck:
     """Explorer without a base class."""
+
+    plan = "own"
 
     def __init__(self):
         self.turns = [1, 2]
@@ -155,9 +137,15 @@ class Duck:
         return Twist(0.0, 1.0)
 
 
-def test_explorers_without_a_base_class_get_defaults_and_can_be_pickled_and_copied():
-    policy = make_policy(Duck())
+def test_explorers_without_a_base_class_get_its_defaults_and_can_be_pickled_and_copied():
+    policy = make_policy(Duck)
+    assert isinstance(policy, Explorer)
     assert isinstance(policy, Duck)
+    assert type(policy).__name__ == "Duck"
     for again in (policy, pickle.loads(pickle.dumps(policy)), copy.deepcopy(policy)):
-        assert (again.turns, again.control_hz, again.plans) == ([1, 2], None, [None])
+        assert (again.turns, again.control_hz, again.end_reason) == ([1, 2], None, None)
+        assert (again.plan, again.plans) == ("own", ["own"])
         assert again.act(None, None) == (0.0, 1.0)
+    team = OnePerRobot(Duck())
+    team.reset(None, 0.1, np.random.default_rng(0))
+    assert team.act([None] * 2, [None] * 2) == [(0.0, 1.0)] * 2

@@ -49,14 +49,9 @@ def test_a_recipe_says_what_it_takes_and_trains_two_updates(name, tmp_path, monk
         environment["num_worlds"] = 4
     if name == "Track-v0":
         environment |= {key: TASKS["Track"][key] for key in ("world", "robot", "path", "map_resolution")}
-    data = {
-        "environment": environment,
-        "num_envs": 4,
-        "total_steps": 32,
-        "hyperparameters": {"n_steps": 4, "batch_size": 8},
-        "evaluation": {"episodes": 1, "test_episodes": 1, "references": []},
-        "checkpoints": {"every": 16},
-    }
+    data = {"environment": environment, "num_envs": 4, "total_steps": 32, "checkpoints": {"every": 16}}
+    data |= {"hyperparameters": {"n_steps": 4, "batch_size": 8}}
+    data |= {"evaluation": {"episodes": 1, "test_episodes": 1, "references": []}}
     run = train(data, progress=False)
     config = read_record(run / "config.yaml", TrainingConfig)
     assert (config.recipe, config.environment.id, config.algorithm) == (name, f"lidarnaut/{name}", recipe["algorithm"])
@@ -98,19 +93,11 @@ def test_a_given_world_or_robot_is_not_replaced_in_evaluations_or_by_lists_of_ro
 ALL = {"learning_rate", "n_steps", "batch_size", "n_epochs", "gamma", "ent_coef", "target_kl"}
 
 
-@pytest.mark.parametrize(
-    ("algorithm", "kept"),
-    [
-        ("PPO", ALL),
-        ("MaskablePPO", ALL),
-        ("RecurrentPPO", ALL),
-        ("stable_baselines3:PPO", ALL),
-        ("A2C", {"gamma", "n_steps"}),
-        ("TRPO", {"gamma", "n_steps"}),
-        ("SAC", {"gamma"}),
-        ("CrossQ", {"gamma"}),
-    ],
-)
+KEPT = {"PPO": ALL, "MaskablePPO": ALL, "RecurrentPPO": ALL, "stable_baselines3:PPO": ALL}
+KEPT |= {"A2C": {"gamma", "n_steps"}, "TRPO": {"gamma", "n_steps"}, "SAC": {"gamma"}, "CrossQ": {"gamma"}}
+
+
+@pytest.mark.parametrize(("algorithm", "kept"), KEPT.items())
 def test_another_algorithm_keeps_what_applies_to_it(algorithm, kept):
     plain, own = merged(environment=given()), merged(environment=given(), algorithm=algorithm)
     assert own["hyperparameters"].keys() == kept
@@ -199,9 +186,7 @@ def test_mistakes_are_named_before_torch_is_imported(tmp_path):
     assert "recipe ReachGoal-v0: " in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("section", "value"), [("environment", "x"), ("network", 3), ("evaluation", {"environment": "x"}), ("algorithm", 3)]
-)
-def test_values_of_a_wrong_type_are_named(section, value):
-    with pytest.raises(ValueError, match=section):
-        parse_config(merged(**{"environment": given(), section: value}), "a")
+def test_values_of_a_wrong_type_are_named():
+    for wrong in ({"environment": "x"}, {"network": 3}, {"evaluation": {"environment": "x"}}, {"algorithm": 3}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            parse_config(merged(**{"environment": given(), **wrong}), "a")

@@ -1,4 +1,3 @@
-import json
 import os
 import subprocess
 import sys
@@ -8,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from lidarnaut.agents import references
-from lidarnaut.agents.checkpoint import load_checkpoint
-from lidarnaut.agents.config import TrainingConfig, parse_config
+from lidarnaut.agents.checkpoint import POLICY_FILE, load_checkpoint
 from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.agents.run_folder import list_checkpoints
 from lidarnaut.agents.training import train
@@ -39,39 +37,28 @@ def rows_of(run):
 
 
 def checkpoints_of(run):
-    return [
-        (path.name, load_checkpoint(path).record.evaluations, (path / "policy.safetensors").read_bytes())
-        for path in list_checkpoints(run)
-    ]
+    folders = list_checkpoints(run)
+    return [(one.name, load_checkpoint(one).record.evaluations, (one / POLICY_FILE).read_bytes()) for one in folders]
 
 
-def test_a_second_training_measures_nothing_and_gives_the_same(cache, tmp_path, monkeypatch):
+def test_a_second_training_measures_only_what_is_not_cached_and_gives_the_same(cache, tmp_path, monkeypatch):
     first = train(reach(), run=tmp_path / "first", progress=False)
-    assert len(list(cache.iterdir())) == 2
+    wholes = {path: path.read_text() for path in cache.iterdir()}
+    assert len(wholes) == 2
     monkeypatch.setattr(references, "make_pool", None)
-    second = train(reach(), run=tmp_path / "second", progress=False)
+    second = train(reach(num_workers=2), run=tmp_path / "second", progress=False)
     assert rows_of(second) == rows_of(first)
     assert [policy for policy, *_ in rows_of(first)][:3] == ["pursuit", "random", "learned"]
     assert checkpoints_of(second) == checkpoints_of(first)
-    for num_workers in (1, 2):
-        other = train(reach(num_workers=num_workers), run=tmp_path / f"workers_{num_workers}", progress=False)
-        assert (rows_of(other), checkpoints_of(other)) == (rows_of(first), checkpoints_of(first))
-
-
-def test_a_damaged_cache_is_ignored(cache, tmp_path, monkeypatch):
-    monkeypatch.setattr(references, "make_pool", lambda *_: ThreadPoolExecutor(1))
-    config = reach()
-    with_one = config.evaluation.model_copy(update={"references": ("random",), "test_episodes": 1})
-    config = config.model_copy(update={"evaluation": with_one})
-    first = train(config, run=tmp_path / "first", progress=False)
-    (path,) = cache.iterdir()
-    whole = path.read_text()
+    # Damaged files are ignored.
+    path, *_ = wholes
     for damage in ("", "[]", '{"episodes": 3}', '{"episodes": [{"sct": "x"}]}', "[" * 100_000):
         path.write_text(damage)
         assert references._read(path, ["sct"]) == []
-    second = train(config, run=tmp_path / "second", progress=False)
-    assert rows_of(second) == rows_of(first)
-    assert json.loads(path.read_text()) == json.loads(whole)
+    monkeypatch.setattr(references, "make_pool", lambda *_: ThreadPoolExecutor(1))
+    third = train(reach(), run=tmp_path / "third", progress=False)
+    assert rows_of(third) == rows_of(first)
+    assert {path: path.read_text() for path in wholes} == wholes
 
 
 def test_what_changes_the_episodes_changes_the_cache(cache, tmp_path):
@@ -90,18 +77,6 @@ def test_what_changes_the_episodes_changes_the_cache(cache, tmp_path):
     assert references._cache_file(reach(world="my_lab:WORLD"), "random") is None
     assert references._cache_file(reach(), "my_lab:Policy") is None
     assert references._cache_file(reach(people=object()), "random") is None
-
-
-def test_what_workers_cannot_import_is_measured_in_this_process(cache, tmp_path, monkeypatch):
-    config = parse_config(reach().model_dump(), "mem")
-    assert isinstance(config, TrainingConfig)
-
-    def fail(*_):
-        raise RuntimeError("not importable")
-
-    monkeypatch.setattr(references, "_measure", fail)  # a local function is not picklable, either
-    run = train(config, run=tmp_path / "run", progress=False)
-    assert [policy for policy, *_ in rows_of(run)][:2] == ["pursuit", "random"]
 
 
 def test_a_script_without_a_guard_trains_once(tmp_path):

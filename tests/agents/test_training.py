@@ -97,14 +97,21 @@ def assert_logged(run, steps):
         assert logged == pytest.approx({row["steps"]: row[name] for row in curve_of(read_evaluations(run))})
 
 
-def test_tensorboard_shows_every_evaluation_at_the_steps_it_was_made(tiny_run, tiny_data, tmp_path):
+def test_a_run_goes_on_from_any_checkpoint_with_the_keys_that_may_change(tiny_run, tiny_data, tmp_path):
+    """After the checkpoint of step 512. The evaluation before it stays; the one after it is replaced."""
     assert_logged(tiny_run, [0, 256, 512, 768])
-    # Resumed from the checkpoint at step 512. The evaluation before it stays; the one after it is replaced.
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    train(changed(tiny_data, total_steps=896), resume=f"{run}@512", progress=False)
+    data = {**tiny_data, "total_steps": 896, "checkpoints": {"every": 128, "keep": 4}, "torch_threads": 2}
+    data["hyperparameters"] = {"n_steps": 32, "batch_size": 64, "n_epochs": 3, "gamma": 0.9}
+    data["environment"] = {**tiny_data["environment"], "time_limit": 3.0}
+    train(changed(data), resume=f"{run}@512", progress=False)
     assert_logged(run, [0, 256, 512, 768, 896])
     assert (run / "checkpoints" / "step_000000768.discarded").is_dir()
     assert [path.name for path in list_checkpoints(run)][-2:] == ["step_000000768", "step_000000896"]
+    record = newest(run).record
+    assert (record.steps, record.updates) == (896, 4 * 2 + 3 * 3)
+    assert record.config.hyperparameters["gamma"] == 0.9
+    assert record.config.environment.arguments["time_limit"] == 3.0
 
 
 def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_several(tiny_run, tiny_data, tmp_path):
@@ -117,22 +124,12 @@ def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_several(tiny
     assert not all(torch.equal(first[key], third[key]) for key in first)
 
 
-def dead_pid():
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    return dead.pid
-
-
-def train_in_a_process(folder, *arguments):
-    command, environment = [sys.executable, str(ROOT / "train.py"), *arguments], {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
-
-
 def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path, capsys):
     """An environment kills the process by SIGKILL at its 220th step, after 880 steps of all environments."""
     config = changed(tiny_data, environment=tiny_data["environment"] | {"world": "deadly_220"}, total_steps=1280)
     (tmp_path / "deadly.yaml").write_text(dump_record(config))
-    killed = train_in_a_process(tmp_path, "--config", "deadly.yaml")
+    command, own = [sys.executable, str(ROOT / "train.py"), "--config", "deadly.yaml"], {"PYTHONPATH": str(ROOT)}
+    killed = subprocess.run(command, cwd=tmp_path, env=os.environ | own, capture_output=True, text=True, timeout=300)
     assert killed.returncode == -9, killed.stderr
     (run,) = (tmp_path / "runs").iterdir()
     assert run.name.startswith("tiny__0__")
@@ -141,8 +138,9 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path,
     assert 880 - config.checkpoints.every <= steps <= 880
     evaluated = evaluated_steps(run)
     # Files of a save that was killed.
-    killed_save = run / "checkpoints" / f".step_000000896.{platform.node()}.{dead_pid()}.tmp"
-    killed_save.mkdir()
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    (run / "checkpoints" / f".step_000000896.{platform.node()}.{dead.pid}.tmp").mkdir()
 
     assert main(["--resume", str(run), "--trust", ID, "--environment.world", "rooms"]) == 0
     assert str(run) in capsys.readouterr().out
@@ -159,8 +157,15 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path,
     assert events[-1].value == pytest.approx(7e-4 * 2 / num_updates(config))
 
 
+@pytest.fixture(scope="module")
+def often(tiny_data, tmp_path_factory):
+    """Run with a checkpoint after each update."""
+    config = changed(tiny_data, checkpoints={"every": 128, "keep": 9})
+    return train(config, run=tmp_path_factory.mktemp("runs") / "often", progress=False)
+
+
 @pytest.mark.parametrize("step", [1, 100])
-def test_ctrl_c_saves_the_state_before_the_running_rollout(step, tiny_data, tmp_path, monkeypatch, capsys):
+def test_ctrl_c_saves_the_state_before_the_running_rollout(step, often, tiny_data, tmp_path, monkeypatch, capsys):
     """At the 100th step of each environment, 384 steps have been learned from; checkpoints are due every 256."""
     monkeypatch.chdir(tmp_path)
     interrupted = tiny_data["environment"] | {"world": f"interrupted_{step}"}
@@ -172,10 +177,7 @@ def test_ctrl_c_saves_the_state_before_the_running_rollout(step, tiny_data, tmp_
     assert said.partition(": ")[2] == f"stopped at step {steps} (saved); resume with --resume {run} --trust {ID}"
     saved = newest(run)
     assert saved.record.steps == steps
-    often = changed(tiny_data, checkpoints={"every": 128, "keep": 9})
-    whole = load_checkpoint(
-        train(often, run=tmp_path / "whole", progress=False) / "checkpoints" / f"step_{steps:09d}", trust="tests"
-    )
+    whole = load_checkpoint(often / "checkpoints" / f"step_{steps:09d}", trust="tests")
     for name in ("numpy_random", "evaluations"):
         assert getattr(saved.record, name) == getattr(whole.record, name)
     for mine, theirs in ((saved.policy, whole.policy), (saved.training, whole.training)):
@@ -196,10 +198,8 @@ def test_a_training_that_diverges_says_so_and_leaves_good_checkpoints(tiny_data,
         "lower hyperparameters.learning_rate (1e+30) or the weights of large rewards; "
         f"resume from {good} with --resume {good} --trust {ID}"
     )
-    assert (
-        main(["--resume", str(good), "--trust", ID, "--hyperparameters.learning-rate", "1e-3", "--total-steps", "128"])
-        == 0
-    )
+    lower = ["--hyperparameters.learning-rate", "1e-3", "--total-steps", "128"]
+    assert main(["--resume", str(good), "--trust", ID, *lower]) == 0
 
 
 def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it(tiny_data, tmp_path):
@@ -210,9 +210,8 @@ def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it
 
 
 @pytest.mark.filterwarnings("ignore:.*ERROR")  # Gymnasium reports errors of processes by warnings
-@pytest.mark.parametrize("vectorization", ["sync", "async"])
-def test_an_environment_that_fails_is_heard(vectorization, tiny_data, tmp_path):
-    broken = tiny_data["environment"] | {"world": "broken_6", "vectorization": vectorization}
+def test_an_environment_that_fails_in_another_process_is_heard(tiny_data, tmp_path):
+    broken = tiny_data["environment"] | {"world": "broken_6", "vectorization": "async"}
     with pytest.raises(RuntimeError, match="the floor gave way"):
         train(changed(tiny_data, environment=broken), run=tmp_path / "run", progress=False)
 

@@ -7,19 +7,18 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.utils import ConstantSchedule
 
-from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.curves import curve_of, read_evaluations
 from lidarnaut.agents.training import train
 from lidarnaut.agents.trajectories import TrajectoryNetwork, TrajectoryPolicy, TwistChoice
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.files import parse_record
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.observations.scan import SPEED_RANGE
 from lidarnaut.envs.observations.trajectories import NUMBERS, TWISTS
 from lidarnaut.envs.tasks.explore import Explore
+from tests.agents.tiny import tiny
 
 TABLE = torch.from_numpy(TWISTS)
 ACTIONS = spaces.Box(-1.0, 1.0, (2,))
-GOAL = spaces.Box(-1.0, 1.0, (4,))
 PARTS = {
     "trajectories": spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS)),
     "motion": spaces.Box(-1.0, 1.0, (6,)),
@@ -43,11 +42,9 @@ def test_samples_are_twists_and_have_the_probabilities_of_their_logits():
     assert (torch.cdist(choice.sample(), TABLE).amin(dim=1) == 0).all()
 
 
-@pytest.mark.parametrize(
-    ("name", "box"), [("goal", GOAL), ("carrot", spaces.Box(-1.0, 1.0, (3,))), ("plan", spaces.Box(-1.0, 1.0, (27,)))]
-)
-def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(name, box):
-    space = spaces.Dict(PARTS | {name: box})
+@pytest.mark.parametrize(("name", "size"), [("goal", 4), ("carrot", 3), ("plan", 27)])
+def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(name, size):
+    space = spaces.Dict(PARTS | {name: spaces.Box(-1.0, 1.0, (size,))})
     network = TrajectoryNetwork(space, width=8, hidden=8)
     seen = sample(space)
     logits, values = network(seen)
@@ -63,9 +60,7 @@ def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(name, box):
 
 
 def test_observations_that_are_missing_are_named():
-    with pytest.raises(
-        ValueError, match=r"requires \['trajectories', 'motion', 'limits'\] and `goal`, `carrot` or `plan`"
-    ):
+    with pytest.raises(ValueError, match=r"\['trajectories', 'motion', 'limits'\] and `goal`, `carrot` or `plan`"):
         TrajectoryNetwork(spaces.Dict(PARTS), width=8, hidden=8)
 
 
@@ -105,7 +100,7 @@ def test_an_untrained_network_with_a_prior_explores_along_the_plan():
 
 
 def test_a_policy_acts_by_twists_of_the_table():
-    space, network = spaces.Dict(PARTS | {"goal": GOAL}), {"width": 32, "hidden": 64}
+    space, network = spaces.Dict(PARTS | {"goal": spaces.Box(-1.0, 1.0, (4,))}), {"width": 32, "hidden": 64}
     policy = TrajectoryPolicy(space, ACTIONS, ConstantSchedule(1e-3), network=network)
     seen = {name: value[0].numpy() for name, value in sample(policy.observation_space).items()}
     action, _ = policy.predict(seen, deterministic=True)
@@ -113,21 +108,9 @@ def test_a_policy_acts_by_twists_of_the_table():
 
 
 def test_ppo_chooses_among_trajectories_where_it_sees_them(tmp_path):
-    data = {
-        "experiment": "tiny",
-        "total_steps": 512,
-        "num_envs": 4,
-        "algorithm": "PPO",
-        "environment": {
-            "id": "lidarnaut/ReachCrowd-v0",
-            "people": 3,
-            "num_workers": 0,
-            "observations": ["trajectories", "goal", "motion", "limits"],
-        },
-        "hyperparameters": {"n_steps": 64, "batch_size": 64, "n_epochs": 1},
-        "network": {"width": 8},
-        "evaluation": {"every": 512, "episodes": 1, "references": []},
-        "checkpoints": {"every": 512},
-    }
-    run = train(parse_record(data, "tiny", TrainingConfig), run=tmp_path / "run", progress=False)
-    assert (run / "evaluations.csv").read_text().count("\n") >= 2
+    environment = {"id": "lidarnaut/ReachCrowd-v0", "people": 3, "num_workers": 0, "time_limit": 2.0}
+    environment["observations"] = ["trajectories", "goal", "motion", "limits"]
+    evaluation = {"every": 16, "episodes": 1, "references": []}
+    config = tiny("PPO", "ReachCrowd", environment=environment, network={"width": 8}, evaluation=evaluation)
+    run = train(config, run=tmp_path / "run", progress=False)
+    assert [row["steps"] for row in curve_of(read_evaluations(run))] == [0, 16]

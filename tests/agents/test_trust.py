@@ -56,8 +56,8 @@ def name_reward(config):
     config["environment"]["reward"] = "hostile_code:Own"
 
 
-def in_policy_folder(folder, *trust):
-    LearnedPolicy.load(policy_folder(folder / "policy", name_reward), trust=trust)
+def in_policy_folder(folder):
+    LearnedPolicy.load(policy_folder(folder / "policy", name_reward))
 
 
 def in_policy_of_evaluation(folder, *trust):
@@ -67,9 +67,9 @@ def in_policy_of_evaluation(folder, *trust):
     return evaluate.main([*words, *(["--trust", *trust] if trust else [])])
 
 
-def in_export(folder, *trust):
+def in_export(folder):
     pytest.importorskip("onnx")
-    export.export_policy(str(policy_folder(folder / "policy", name_reward)), folder / "a.onnx", trust=trust)
+    export.export_policy(str(policy_folder(folder / "policy", name_reward)), folder / "a.onnx")
 
 
 def run_folder(folder):
@@ -85,30 +85,26 @@ def run_folder(folder):
     return run
 
 
-def trusting(trust):
-    return ["--trust", *trust] if trust else []
+def in_run_folder(folder):
+    return train.main(["--resume", str(run_folder(folder))])
 
 
-def in_run_folder(folder, *trust):
-    return train.main(["--resume", str(run_folder(folder)), *trusting(trust)])
-
-
-def in_checkpoint_of_run_folder(folder, *trust):
+def in_checkpoint_of_run_folder(folder):
     run = run_folder(folder)
     (run / "config.yaml").write_text((PRETRAINED / "reach" / "config.yaml").read_text())
-    return train.main(["--resume", str(run), *trusting(trust)])
+    return train.main(["--resume", str(run)])
 
 
-def in_configuration_of_run_folder(folder, *trust):
-    return train.main(["--config", str(run_folder(folder) / "config.yaml"), *trusting(trust)])
+def in_configuration_of_run_folder(folder):
+    return train.main(["--config", str(run_folder(folder) / "config.yaml")])
 
 
-def in_sweep(folder, *trust):
+def in_sweep(folder):
     (folder / "sweep").mkdir()
     config = yaml.safe_load((PRETRAINED / "reach" / "config.yaml").read_text())
     sweep = {**config, "sweep": {"environment.reward": ["hostile_code:Own"]}, "seeds": [0]}
     (folder / "sweep" / "sweep.yaml").write_text(yaml.safe_dump(sweep))
-    return train.main(["--resume", str(folder / "sweep"), *trusting(trust)])
+    return train.main(["--resume", str(folder / "sweep")])
 
 
 RECORDS = [value for name, value in list(globals().items()) if name.startswith("in_")]

@@ -21,7 +21,6 @@ from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.explore import Explore
 
 QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
-KINDS = pytest.mark.parametrize("kind", ["native", "sync", "async"])
 
 
 def make(num_envs=3, kind="native", id=QUICK.id, mode=AutoresetMode.SAME_STEP, **arguments):
@@ -33,26 +32,6 @@ def make(num_envs=3, kind="native", id=QUICK.id, mode=AutoresetMode.SAME_STEP, *
 
 def adapt(*args, **arguments):
     return GymnasiumVecEnv(make(*args, **arguments))
-
-
-def test_sub_environments_give_what_single_environments_give():
-    singles = QUICK.model_copy(update={"vectorization": "sync"})
-    ours, theirs = (GymnasiumVecEnv(make_vector(config, "train", 3)) for config in (QUICK, singles))
-    for env in (ours, theirs):
-        env.seed(11)
-    np.testing.assert_equal(ours.reset(), theirs.reset())
-    ended = 0
-    for action in np.random.default_rng(0).uniform(-1, 1, (32, 3, 2)).astype(np.float32):
-        (*seen, infos), (*expected, their_infos) = ours.step(action), theirs.step(action)
-        np.testing.assert_equal(seen, expected)
-        for info, other in zip(infos, their_infos, strict=True):
-            assert set(info) == set(other)
-            if info:
-                ended += 1
-                np.testing.assert_equal(info.pop("terminal_observation"), other.pop("terminal_observation"))
-                assert info == {**other, "episode": pytest.approx(other["episode"])}
-    assert ended == 6
-    ours.close()
 
 
 class Limited(LidarEnv):
@@ -115,10 +94,9 @@ def test_normalisation_callbacks_and_resuming_work_as_in_stable_baselines3(tmp_p
     again.close()
 
 
-@KINDS
-def test_masked_ppo_learns_and_never_takes_what_is_masked(kind):
+def test_masked_ppo_learns_and_never_takes_what_is_masked():
     maskable = pytest.importorskip("sb3_contrib", reason="needs the extra `dev`").MaskablePPO
-    env = adapt(4, kind, "lidarnaut/ExploreFrontiers-v0", slam="truth")
+    env = adapt(4, id="lidarnaut/ExploreFrontiers-v0", slam="truth")
     model = maskable("MultiInputPolicy", env, n_steps=24, batch_size=48, n_epochs=2, seed=1)
     before = {name: weight.clone() for name, weight in model.policy.named_parameters()}
     model.learn(192)
@@ -131,7 +109,7 @@ def test_masked_ppo_learns_and_never_takes_what_is_masked(kind):
     env.close()
 
 
-@KINDS
+@pytest.mark.parametrize("kind", ["native", "sync", "async"])
 def test_sub_environments_can_be_reached(kind):
     env = adapt(3, kind, "lidarnaut/ExploreFrontiers-v0", render_mode="rgb_array")
     env.seed(4)
@@ -176,14 +154,11 @@ def test_the_environments_of_several_robots_are_stepped_as_each_for_itself(how):
     several = {"id": "lidarnaut/ReachGoal-v0", "world": "hall", "time_limit": 2.0, "num_workers": 0}
     several["observations"] = ["scan_history", "goal", "motion", "limits"]
     robots = ("jackal", "turtlebot3_burger")
-    config = TrainingConfig(
-        experiment="two", total_steps=1, algorithm="PPO", num_envs=5, environment={**several, **how, "robots": robots}
-    )
+    environment = {**several, **how, "robots": robots}
+    config = TrainingConfig(experiment="two", total_steps=1, algorithm="PPO", num_envs=5, environment=environment)
     joined = make_vec_env(config)
-    apart = [
-        GymnasiumVecEnv(make_vector(EnvironmentConfig(**several, robot=name), "train", count))
-        for name, count in zip(robots, (3, 2))
-    ]
+    singles = [(EnvironmentConfig(**several, robot=name), count) for name, count in zip(robots, (3, 2))]
+    apart = [GymnasiumVecEnv(make_vector(single, "train", count)) for single, count in singles]
     for env, seed in zip((joined, *apart), (7, 7, 10)):
         env.seed(seed)
     first, *others = (env.reset() for env in (joined, *apart))
@@ -196,7 +171,10 @@ def test_the_environments_of_several_robots_are_stepped_as_each_for_itself(how):
         np.testing.assert_equal(seen, {name: np.concatenate([one[0][name] for one in theirs]) for name in seen})
         np.testing.assert_equal(rewards, np.concatenate([one[1] for one in theirs]))
         np.testing.assert_equal(dones, np.concatenate([one[2] for one in theirs]))
-        assert [info.keys() for info in infos] == [info.keys() for one in theirs for info in one[3]]
+        others = [info for one in theirs for info in one[3]]
+        assert [info.keys() for info in infos] == [info.keys() for info in others]
+        last, expected = ([info.get("terminal_observation") for info in some] for some in (infos, others))
+        np.testing.assert_equal(last, expected)
         ended += dones.sum()
     assert ended >= 5
     assert [robot.name for robot in joined.get_attr("robot", [0, 2, 4])] == ["jackal"] * 2 + ["turtlebot3_burger"]
@@ -210,11 +188,8 @@ def test_robots_that_cannot_be_trained_together_are_refused():
     environment = {"robots": ("turtlebot3_burger", "jackal"), "world": "rooms", "num_workers": 0}
     with pytest.raises(ValueError, match=r"variants: {'robot': 'jackal'} has observations or actions unlike"):
         make_vec_env(TrainingConfig(**config, environment=environment))
-    for mode in ("native", "sync"):
-        with pytest.raises(ValueError, match="num_envs is 1, fewer than the 2 robots"):
-            make_vec_env(
-                TrainingConfig(**{**config, "num_envs": 1}, environment={**environment, "vectorization": mode})
-            )
+    with pytest.raises(ValueError, match="num_envs is 1, fewer than the 2 robots"):
+        make_vec_env(TrainingConfig(**config | {"num_envs": 1}, environment=environment))
 
 
 class Standing:

@@ -1,17 +1,13 @@
 """Trainings of less than a second."""
 
-import itertools
-
 from lidarnaut.agents.config import ALGORITHMS, parse_config
 
 CHOOSING = ("PPO", "A2C", "MaskablePPO", "DQN", "QRDQN")
 """Algorithms for discrete actions."""
 DISCRETE = ("DQN", "QRDQN", "MaskablePPO")
 TWISTS = [name for name in ALGORITHMS if name not in DISCRETE]
-CASES = [
-    *zip(TWISTS, itertools.cycle(("Explore", "Navigate")), strict=False),
-    *((name, "ExploreFrontiers") for name in CHOOSING),
-]
+CASES = [(name, "Explore" if k % 2 == 0 else "Navigate") for k, name in enumerate(TWISTS)]
+CASES += [(name, "ExploreFrontiers") for name in CHOOSING]
 """Each algorithm for twists with an exploration or a goal, and each one for decisions."""
 WITH_BUFFER = ("SAC", "TD3", "DDPG", "DQN", "TQC", "CrossQ", "QRDQN")
 
@@ -31,15 +27,7 @@ def tiny(algorithm, id, **changes):
     network = {"features": 8, "channels": 2, "hidden": 8}
     if "Frontiers" in id and algorithm in ("PPO", "A2C"):
         network = {"width": 8, "heads": 2}
-    data = {
-        "experiment": "tiny",
-        "total_steps": 16,
-        "num_envs": 2,
-        "algorithm": algorithm,
-        "environment": environment,
-        "hyperparameters": hyperparameters,
-        "network": network,
-        "evaluation": {"episodes": 1, "every": 1000},
-        "checkpoints": {"every": 8, "keep": 2},
-    }
+    data = {"experiment": "tiny", "total_steps": 16, "num_envs": 2, "algorithm": algorithm, "network": network}
+    data |= {"environment": environment, "hyperparameters": hyperparameters}
+    data |= {"evaluation": {"episodes": 1, "every": 1000}, "checkpoints": {"every": 8, "keep": 2}}
     return parse_config(data | changes, "tiny")

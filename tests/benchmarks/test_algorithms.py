@@ -8,33 +8,15 @@ from lidarnaut.benchmarks import algorithms
 from lidarnaut.benchmarks.algorithms import TaskResults, difference, overview, task_section
 from lidarnaut.envs.measures import REACH
 
-TINY = {
-    "experiment": "tiny",
-    "recipe": None,
-    "total_steps": 16,
-    "num_envs": 2,
-    "environment": {"num_workers": 0, "time_limit": 1.0, "world": "rooms", "world_size": [6, 6], "slam": "truth"},
-    "hyperparameters": {"batch_size": 4},
-    "network": {"features": 8, "channels": 2, "hidden": 8},
-    "evaluation": {"every": 16, "episodes": 2},
-    "sweep": {
-        "task": {
-            "Rooms": {
-                "environment": {"id": "lidarnaut/Explore-v0"},
-                "evaluation": {"references": ["random", "nearest"]},
-            },
-            "Goals": {
-                "environment": {"id": "lidarnaut/ReachGoal-v0"},
-                "evaluation": {"references": ["random", "pursuit"]},
-            },
-        },
-        "algorithm": {
-            "PPO": {"algorithm": "PPO", "hyperparameters": {"n_steps": 4}},
-            "SAC": {"algorithm": "SAC", "hyperparameters": {"train_freq": 4, "learning_starts": 4}},
-        },
-    },
-    "seeds": [0],
-}
+ENVIRONMENT = {"num_workers": 0, "time_limit": 1.0, "world": "rooms", "world_size": [6, 6], "slam": "truth"}
+ROOMS = {"environment": {"id": "lidarnaut/Explore-v0"}, "evaluation": {"references": ["random", "nearest"]}}
+GOALS = {"environment": {"id": "lidarnaut/ReachGoal-v0"}, "evaluation": {"references": ["random", "pursuit"]}}
+PPO = {"algorithm": "PPO", "hyperparameters": {"n_steps": 4}}
+SAC = {"algorithm": "SAC", "hyperparameters": {"train_freq": 4, "learning_starts": 4}}
+TINY = {"experiment": "tiny", "recipe": None, "total_steps": 16, "num_envs": 2, "seeds": [0]}
+TINY |= {"environment": ENVIRONMENT, "evaluation": {"every": 16, "episodes": 2}}
+TINY |= {"hyperparameters": {"batch_size": 4}, "network": {"features": 8, "channels": 2, "hidden": 8}}
+TINY |= {"sweep": {"task": {"Rooms": ROOMS, "Goals": GOALS}, "algorithm": {"PPO": PPO, "SAC": SAC}}}
 
 
 def make_task(**scores):
@@ -71,11 +53,8 @@ def test_a_task_says_who_is_above_random_and_below_the_classic():
     assert rows["PPO"] == ["100.0", "+100.0", "+50.0", "2", "100", "9"]
     assert rows["pursuit"][0] == "50.0"
     _, glance = overview([task]).parts
-    assert [[cell.text for cell in line] for line in glance.lines] == [
-        ["PPO", "2.00", "1", "2"],
-        ["SAC", "1.00", "1", "2"],
-        ["TQC", "0.00", "1", "2"],
-    ]
+    ranks = {"PPO": "2.00", "SAC": "1.00", "TQC": "0.00"}
+    assert [[cell.text for cell in line] for line in glance.lines] == [[*rank, "1", "2"] for rank in ranks.items()]
 
 
 def test_a_sweep_becomes_a_page_whether_all_some_or_none_of_it_is_done(tmp_path):

@@ -34,9 +34,8 @@ def scenes():
 
 
 def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkeypatch, config, scenes, no_overview):
-    monkeypatch.setattr(
-        "lidarnaut.benchmarks.demo.describe_learning", lambda rows, task: f"{task}: {len(rows)} evaluations."
-    )
+    describe = "lidarnaut.benchmarks.demo.describe_learning"
+    monkeypatch.setattr(describe, lambda rows, task: f"{task}: {len(rows)} evaluations.")
     folder = tmp_path / "demo"
     folder.mkdir()
     (folder / "report.html").write_text("of an earlier demo")

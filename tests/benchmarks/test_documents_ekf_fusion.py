@@ -8,17 +8,6 @@ import pytest
 
 from lidarnaut.benchmarks.documents import ekf_fusion as experiment
 from lidarnaut.benchmarks.documents.__main__ import main
-from lidarnaut.benchmarks.documents.ekf_fusion import (
-    FAULTS,
-    FILTERS,
-    LABELS,
-    PAPER,
-    FaultyChannel,
-    RouteDrive,
-    make_env,
-    nees_within,
-    run_drive,
-)
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.localization.ekf import Ekf, Measurement
 from lidarnaut.envs.localization.fusion import FUSIONS, start_covariance
@@ -26,27 +15,20 @@ from lidarnaut.envs.localization.fusion import FUSIONS, start_covariance
 STEPS = 60
 
 
-@pytest.fixture(scope="module")
-def drive():
-    return run_drive(hall(), 0, {**FILTERS, **FAULTS}, max_steps=STEPS)
-
-
-def hall():
-    return make_env("kinematic", 0, 0.69, "no disturbance", {"path": experiment.QUICK["path"]})
-
-
 def make_drive(errors, covariance=None, straights=0.0):
     truth = np.tile([1.0, 2.0, math.pi - 0.001], (len(errors), 1))
-    covariances = np.tile(np.eye(3) if covariance is None else covariance, (len(errors), 1, 1))
+    covariances = {"full": np.tile(np.eye(3) if covariance is None else covariance, (len(errors), 1, 1))}
     time, estimated = np.arange(len(errors), dtype=float), {"full": truth + errors}
     directions = np.broadcast_to(straights, len(errors))
-    return RouteDrive("kinematic", 0, "completed", 0, time, truth, directions, estimated, {"full": covariances})
+    return experiment.RouteDrive("kinematic", 0, "completed", 0, time, truth, directions, estimated, covariances)
 
 
-def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable(drive):
+def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable():
+    hall = experiment.make_env("kinematic", 0, 0.69, "no disturbance", {"path": experiment.QUICK["path"]})
+    drive = experiment.run_drive(hall, 0, {**experiment.FILTERS, **experiment.FAULTS}, max_steps=STEPS)
     assert drive.end_reason == "max_steps"
     assert drive.time == pytest.approx(np.arange(1, STEPS + 1) / 17)
-    assert set(drive.estimated) == set(drive.covariance) == {*FUSIONS, *FAULTS}
+    assert set(drive.estimated) == set(drive.covariance) == {*FUSIONS, *experiment.FAULTS}
     for fusion in FUSIONS:
         assert drive.estimated[fusion].shape == drive.truth.shape == (STEPS, 3)
         assert drive.covariance[fusion].shape == (STEPS, 3, 3)
@@ -56,7 +38,7 @@ def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable(drive):
     # Fusions differ: wheels alone do not use the compass, and the localizer is not filtered.
     errors = [drive.error(fusion) for fusion in FUSIONS]
     assert all((one != other).any() for k, one in enumerate(errors) for other in errors[:k])
-    again = run_drive(hall(), 0, max_steps=20)
+    again = experiment.run_drive(hall, 0, max_steps=20)
     for fusion in FUSIONS:
         np.testing.assert_array_equal(again.estimated[fusion], drive.estimated[fusion][:20])
 
@@ -80,19 +62,19 @@ def test_nees_tells_honest_from_overconfident():
     for scale, nees, within in ((1.0, 3.0, 0.95), (0.5, 6.0, 0.01)):
         drives = [make_drive(error, scale * covariance) for error in errors]
         assert np.mean([drive.measure("full")["NEES []"] for drive in drives]) == pytest.approx(nees, rel=0.05)
-        assert nees_within(drives, "full") == pytest.approx(within, abs=0.04)
+        assert experiment.nees_within(drives, "full") == pytest.approx(within, abs=0.04)
 
 
 def test_a_quick_run_gives_figures_and_pictures_and_beats_the_paper(tmp_path):
     figures = {one.item: one for one in main("ekf_fusion", pictures=tmp_path, jobs=1, quick=True)}
-    for key, value in list(PAPER.items())[:5]:
+    for key, value in list(experiment.PAPER.items())[:5]:
         item, _, unit = key[:-1].partition(" [")
         figure = figures[f"{item}, full fusion, kinematic"]
         assert (figure.document, figure.unit) == (value, unit)
         assert figure.median < value
         assert figures[f"{item}, encoder alone, kinematic"].document is None
     assert figures["route completed without contact, kinematic"].median == 1.0
-    for label in LABELS.values():
+    for label in experiment.LABELS.values():
         assert figures[f"position RMSE, compass noise 0.69 deg, magnets: {label}"].median > 0.0
     assert figures["position RMSE, fault: none"].median < figures["position RMSE, fault: no encoders"].median
     for name in ("position", "heading", "errors"):
@@ -102,10 +84,10 @@ def test_a_quick_run_gives_figures_and_pictures_and_beats_the_paper(tmp_path):
 def test_faults_reach_the_filter_as_they_are_called():
     num_steps, verdicts = 17 * 20, {}
     encoder, pose = np.diag([0.02, 0.02]) ** 2, np.diag([0.02, 0.02, 0.01]) ** 2
-    for name, fault in FAULTS.items():
+    for name, fault in experiment.FAULTS.items():
         started, errors = Ekf(), []
         started.reset(Pose2D(0.0, 0.0, 0.0), start_covariance())
-        channel = FaultyChannel(started, fault, np.random.default_rng(0))
+        channel = experiment.FaultyChannel(started, fault, np.random.default_rng(0))
         for k in range(num_steps):
             # At rest from 30 s on, because the time of silence is included.
             time = 30.0 + (k + 1) / 17

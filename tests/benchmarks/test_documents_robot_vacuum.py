@@ -1,39 +1,27 @@
 import math
 
 import numpy as np
-import pytest
 
 from lidarnaut.benchmarks.documents import robot_vacuum
 from lidarnaut.benchmarks.drives.recording import Drive
 from lidarnaut.envs.robots import load_robot
 
 
-@pytest.fixture(scope="module")
-def quick(tmp_path_factory):
-    """Figures of the quick experiment, commands of its drives, and the folder of its picture."""
-    folder, drives = tmp_path_factory.mktemp("pictures"), []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(robot_vacuum, "record", lambda *args: drives.append(args[-1]) or RECORD(*args))
-        figures = robot_vacuum.run(folder, None, 1, True)
-    return {figure.item: figure for figure in figures}, drives, folder
-
-
-RECORD = robot_vacuum.record
-
-
-def test_maps_are_measured_saved_and_drawn(quick):
-    figures, drives, folder = quick
+def test_maps_are_measured_saved_and_drawn(tmp_path, monkeypatch):
+    drives, record = [], robot_vacuum.record
+    monkeypatch.setattr(robot_vacuum, "record", lambda *args: drives.append(args[-1]) or record(*args))
+    figures = {figure.item: figure for figure in robot_vacuum.run(tmp_path, None, 1, True)}
     assert len(drives) == len(robot_vacuum.KINDS) == 3
     assert len(figures) == 3 * 5 * len(robot_vacuum.SLAMS)
     assert figures["tour, true poses: position RMSE"].median < 1e-9
     assert {tuple(figure.runs) for item, figure in figures.items() if "saving" in item} == {(0.0,)}
     assert all(math.isfinite(figure.median) for figure in figures.values())
-    assert (folder / "robot_vacuum.png").stat().st_size < 200_000
+    assert (tmp_path / "robot_vacuum.png").stat().st_size < 200_000
     worse, better = (figures[f"tour, {name}: map IoU"].median for name in ("report", "default"))
     assert 0.4 < worse < better
 
 
-def test_keys_give_the_commands_of_teleoperation():
+def test_keys_give_the_commands_of_teleoperation(monkeypatch):
     robot = load_robot("create3")
     found = set()
 
@@ -44,8 +32,7 @@ def test_keys_give_the_commands_of_teleoperation():
         found.update(driver(setup, None, rng))
         return Drive(np.full((200, robot.lidar.num_beams), np.nan, np.float32), *np.zeros((2, 200, 3)), np.zeros(200))
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(robot_vacuum, "record", replay)
-        patch.setitem(robot_vacuum.KINDS, "keys", (keys, 1.0, "create3"))
-        robot_vacuum.run_drive("keys", 0, None, True)
+    monkeypatch.setattr(robot_vacuum, "record", replay)
+    monkeypatch.setitem(robot_vacuum.KINDS, "keys", (keys, 1.0, "create3"))
+    robot_vacuum.run_drive("keys", 0, None, True)
     assert found == {(0.0, 0.0), (robot.max_v, 0.0), (-robot.max_v, 1.0)}

@@ -18,13 +18,8 @@ def test_the_short_experiment_measures_and_draws(tmp_path, capsys):
         assert by_item[f"{policy}: time to explore 99 %"].is_better(19.0)
     assert "not reached" in capsys.readouterr().out
     rows = json.loads((tmp_path / "figures.json").read_text())
-    assert rows[0] == {
-        "item": "frontier:published: time to explore 99 %",
-        "unit": "min",
-        "document": 20.0,
-        "here": None,
-        "better": False,
-    }
+    item = "frontier:published: time to explore 99 %"
+    assert rows[0] == {"item": item, "unit": "min", "document": 20.0, "here": None, "better": False}
     for name in ("map.png", "progress.png"):
         assert 5_000 < (tmp_path / name).stat().st_size < 200_000
     assert [figure.median for figure in run()] == [figure.median for figure in by_item.values()]

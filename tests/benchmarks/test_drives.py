@@ -29,11 +29,10 @@ def test_a_drive_is_what_the_robot_saw_and_is_repeatable():
 
 
 def test_kidnapping_joins_two_drives():
-    one, two = (
-        Drive(np.full((n, 2), k), np.full((n, 3), 1 - k), np.full((n, 3), k), np.full(n, k))
-        for n, k in ((5, 0), (4, 1))
-    )
-    joined = one.then(two, 3)
+    def drive(n, k):
+        return Drive(np.full((n, 2), k), np.full((n, 3), 1 - k), np.full((n, 3), k), np.full(n, k))
+
+    joined = drive(5, 0).then(drive(4, 1), 3)
     np.testing.assert_array_equal(joined.truth[:, 0], [0, 0, 0, 1, 1, 1, 1])
     np.testing.assert_array_equal(joined.motions[:, 0], 1 - joined.truth[:, 0])
     np.testing.assert_array_equal(joined.ranges[:, 0], joined.truth[:, 0])
@@ -115,11 +114,13 @@ def test_a_robot_is_tracked_localized_and_kidnapped():
     assert 0 <= row["confident_and_wrong"] < 0.5
 
 
-def test_updates_are_timed(monkeypatch):
+def test_updates_and_planning_are_timed(monkeypatch):
     monkeypatch.setattr("lidarnaut.benchmarks.drives.times.REPEATS", 1)
     rows = time_amcl()
     assert [row["particles"] for row in rows[:5]] == [1000, 1000, 2000, 2000, 100_000]
     assert all(row["update_us"] > 0.0 for row in rows)
+    (row,) = time_planning(("turtlebot3_dqn_stage1",))
+    assert all(row[f"{cost}_us"] > 0.0 for cost in ("astar_across", "smooth_across", "is_path_valid", "take_a_scan"))
 
 
 def test_symmetries_of_a_rectangle_and_of_an_l():
@@ -134,11 +135,6 @@ def test_symmetries_of_a_rectangle_and_of_an_l():
     assert symmetries(OccupancyGrid(data, 0.05, (1.0, 2.0))) == []
 
 
-def test_planning_is_timed():
-    (row,) = time_planning(("turtlebot3_dqn_stage1",))
-    assert all(row[f"{cost}_us"] > 0.0 for cost in ("astar_across", "smooth_across", "is_path_valid", "take_a_scan"))
-
-
 @pytest.mark.parametrize(
     ("times", "shown", "ratio"),
     [
@@ -151,11 +147,8 @@ def test_planning_is_timed():
 def test_speed_ups_are_taken_pair_by_pair_and_marks_that_were_never_reached_are_shown(times, shown, ratio):
     row = {"world": "rooms", "robot": "tugbot", "physics": "kinematic", "slam": "tinyslam", "time_limit": 600.0}
     row |= {"path_length": 10.0, "collisions": 0.0}
-    starts = [("1", 1), ("1", 0), ("2", 1), ("2", 0)]
-    rows = [
-        row | {"policy": f"rrt_team {num}", "seed": seed, "time_to_95": t}
-        for (num, seed), t in zip(starts, times, strict=True)
-    ]
+    starts = [("rrt_team 1", 1), ("rrt_team 1", 0), ("rrt_team 2", 1), ("rrt_team 2", 0)]
+    rows = [row | {"policy": name, "seed": seed, "time_to_95": t} for (name, seed), t in zip(starts, times)]
     lines = teams.summarise(rows, (1, 2))
     assert [line["time to 95 %, s"] for line in lines] == shown
     assert lines[1]["T(1) / T(n)"] == ratio

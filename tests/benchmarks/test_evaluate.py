@@ -1,6 +1,5 @@
 import errno
 import json
-import logging
 import os
 import re
 import signal
@@ -15,14 +14,12 @@ import pytest
 
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
-from lidarnaut.benchmarks.arena.trace import Recorder, Trace
+from lidarnaut.benchmarks.arena.trace import Recorder
 from lidarnaut.envs.estimation import MapUpdate
 from lidarnaut.envs.files import Lock
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
-from lidarnaut.envs.logs import load_log
 from lidarnaut.evaluate_command import main
 from tests.benchmarks.explorations import MEASURES, deterministic, read_rows
-from tests.slam.rooms import wall_distances
 
 ROOT = Path(__file__).parents[2]
 WORLD = "turtlebot3_world"
@@ -119,40 +116,6 @@ def test_wrong_names_fail_before_any_work(tmp_path, capsys, wrong, says):
     assert not list((tmp_path / "out").glob("episodes/*"))
 
 
-def test_episodes_are_recorded_as_bags_that_change_nothing(tmp_path):
-    options = ["--policies", "nearest", "--worlds", WORLD, *BRIEF, "--shard", "1/1"]  # does not publish anything
-    assert main([*options, "--out", str(tmp_path / "a"), "--bags", str(tmp_path / "bags")]) == 0
-    assert main([*options, "--out", str(tmp_path / "b")]) == 0
-    rows = read_rows(tmp_path / "a")
-    assert sorted(map(str, deterministic(rows))) == sorted(map(str, deterministic(read_rows(tmp_path / "b"))))
-    bags = sorted((tmp_path / "bags").iterdir())
-    assert [bag.stem for bag in bags] == sorted(path.stem for path in (tmp_path / "a" / "episodes").iterdir())
-    for bag, row in zip(bags, sorted(rows, key=lambda row: row["seed"]), strict=True):
-        log = load_log(bag)
-        assert log.times[-1] == pytest.approx(float(row["duration"]))
-        assert len(log.ranges) == 1 + round(10.0 * float(row["duration"]))
-
-
-def test_traces_hold_the_maps_as_they_grew(tmp_path):
-    settings = Settings(policies=("nearest",), worlds=(WORLD,), episodes=1, physics=("kinematic",), time_limit=5.0)
-    evaluation = Evaluation(settings, tmp_path)
-    assert evaluation.run() == []
-    (row,) = evaluation.rows()
-    (path,) = (tmp_path / "episodes").iterdir()
-    trace = Trace.load(path)
-    known = trace.grid.data >= 0
-    np.testing.assert_array_equal(known, np.isfinite(trace.known_since))
-    assert known.any(axis=0)[[0, -1]].all()
-    assert known.any(axis=1)[[0, -1]].all()
-    assert len(trace.trail) == len(trace.curve.time) == 51
-    assert 0.5 < np.mean(trace.known_since[known] == 0.0) < 1.0
-    assert trace.known_since[known].max() <= row["duration"] == 5.0
-    # Seen from the start, occupied cells are along true walls.
-    cells = np.argwhere(trace.grid.data >= 65)
-    points = trace.start.transform(trace.grid.centers(cells[np.isfinite(trace.known_since[tuple(cells.T)])]))
-    assert np.mean(wall_distances(points, trace.segments, trace.circles) < 0.15) > 0.95
-
-
 def test_times_stay_under_their_cells_when_a_redrawn_map_has_other_borders():
     grid = OccupancyGrid(np.full((4, 6), -1, dtype=np.int8), 0.5, (0.0, 0.0))
     belief = SimpleNamespace(pose=Pose2D(0.0, 0.0, 0.0), grid=grid, update=None)
@@ -174,6 +137,8 @@ def test_a_second_evaluation_of_a_folder_says_that_there_is_a_first(tmp_path, ca
     settings = Settings(policies=("random",), worlds=(WORLD,), episodes=2, physics=("kinematic",), time_limit=4.0)
     late = Evaluation(settings, tmp_path)  # created before the next line's runs
     assert main([*options, "--shard", "1/1"]) == 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {".lock", "episodes", "episodes.csv", "settings.json"}  # a shard has no report
     assert late.run() == []
     assert len(read_rows(tmp_path)) == 2
     with Lock(tmp_path):
@@ -235,15 +200,3 @@ def test_an_interrupt_while_workers_start_is_one_line(tmp_path):
     assert done.returncode == 130, done.stderr
     assert "Interrupted. Finished episodes are kept" in done.stderr
     assert "Traceback" not in done.stderr
-
-
-def test_progress_is_logged_if_asked(tmp_path, capfd, monkeypatch, no_overview):
-    """Workers log as well."""
-    monkeypatch.setattr(logging.getLogger(), "handlers", [])
-    monkeypatch.setattr(logging.getLogger("lidarnaut"), "level", logging.WARNING)
-    options = "--episodes 1 --physics kinematic --time-limit 21 --slam truth --policies nearest random --jobs 2 -v"
-    assert main([*options.split(), "--worlds", WORLD, "--out", str(tmp_path)]) == 0
-    lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("lidarnaut.baselines.episode: ")]
-    assert len([line for line in lines if "RandomExplorer, seed 0, 20 s: explored_fraction 0." in line]) == 1
-    pattern = r"NearestExplorer, seed 0, 10 s: explored_fraction 0\.\d{3}, goal \[.*\], \d+ frontiers, 0 blacklisted"
-    assert any(re.search(pattern, line) for line in lines)

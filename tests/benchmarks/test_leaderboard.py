@@ -40,12 +40,8 @@ ROWS = [
 def test_relative_measures_are_shares_of_the_same_starts_reference():
     found = related([*ROWS, row("quick", 9)]).rows
     shares = {r["policy"]: (r["relative_time_to_95"], r["relative_distance_to_95"]) for r in found[:-1]}
-    assert shares == {
-        "oracle (ground truth)": (0.5, 0.5),
-        "nearest": (1.0, 1.0),
-        "quick": (0.8, 0.8),
-        "slow": (1.5, 1.5),
-    }
+    assert shares.pop("oracle (ground truth)") == (0.5, 0.5)
+    assert shares == {"nearest": (1.0, 1.0), "quick": (0.8, 0.8), "slow": (1.5, 1.5)}
     assert "relative_time_to_95" not in found[-1]  # nearest has no such start
     assert [r["reached"] for r in related([row("a"), row("b", time=math.inf)])] == [1, 0]
     assert related([row("nearest", time=0.0)]).rows[0]["relative_time_to_95"] == 1.0  # all was seen at once
@@ -143,11 +139,8 @@ def test_an_axis_is_compared_pair_by_pair():
     assert section.title == "What mapping error costs"
     assert "from the same 4 starts in maze." in text
     assert table.head[1:4] == ("area under curve %", "95 % reached %", "position error cm")
-    assert table.head[5:] == (
-        "area under curve %, difference to truth",
-        "time to 95 %, relative, difference to truth",
-        "distance to 95 %, relative, difference to truth",
-    )
+    names = "area under curve %", "time to 95 %, relative", "distance to 95 %, relative"
+    assert table.head[5:] == tuple(f"{name}, difference to truth" for name in names)
     shown = {line[0].text: [cell.text for cell in line[1:]] for line in table.lines}
     assert list(shown) == ["a, truth", "a, tinyslam", "a, odometry"]
     assert [cells[0] for cells in shown.values()] == ["80.0", "70.0", "20.0"]
@@ -170,9 +163,8 @@ def test_what_was_not_finished_is_listed_with_why():
         + ["no reachable frontier left on its map (1); time ran out, and the map had drifted (1)"],
         ["b", "maze", "1", "0", "1", "98.0", "1.0", "could not move any more (1)"],
     ]
-    assert leaderboard.unfinished_section(Episodes(rows[:1], MEASURES)).parts == (
-        "No episode explored less than 99 %.",
-    )
+    (text,) = leaderboard.unfinished_section(Episodes(rows[:1], MEASURES)).parts
+    assert text == "No episode explored less than 99 %."
 
 
 def reached_in(policy, *times):
@@ -230,6 +222,5 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
     assert "## At a glance" in page[: page.index("## Leaderboard")]
     assert len(pictures) == 1 + 3 + 4 + 2 * 3
     assert all((docs / picture).read_bytes().startswith(b"\x89PNG") for picture in pictures)
-    assert {path.name for path in (docs / "arena").iterdir()} == {p.removeprefix("arena/") for p in pictures} | {
-        "episodes.csv"
-    }
+    names = {f"arena/{path.name}" for path in (docs / "arena").iterdir()}
+    assert names == {*pictures, "arena/episodes.csv"}

@@ -1,13 +1,16 @@
 import re
 
+import numpy as np
 import pytest
 
 from lidarnaut.benchmarks.arena.evaluation_folder import read_table
 from lidarnaut.benchmarks.arena.trace import Trace
 from lidarnaut.benchmarks.arena.workers import describe
+from lidarnaut.envs.logs import load_log
 from lidarnaut.envs.player import Recording
 from lidarnaut.evaluate_command import main
-from tests.benchmarks.explorations import COLUMNS, MEASURES
+from tests.benchmarks.explorations import COLUMNS, MEASURES, deterministic, read_rows
+from tests.slam.rooms import wall_distances
 
 POLICIES = ("--policies", "random", "nearest", "--worlds", "turtlebot3_world")
 OPTIONS = (*POLICIES, "--episodes", "2", "--physics", "kinematic", "--time-limit", "4")
@@ -16,11 +19,11 @@ OPTIONS = (*POLICIES, "--episodes", "2", "--physics", "kinematic", "--time-limit
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recorded")
-    assert main([*OPTIONS, "--record", "--out", str(folder)]) == 0
+    assert main([*OPTIONS, "--record", "--bags", str(folder / "bags"), "--out", str(folder)]) == 0
     return folder
 
 
-def test_recordings_hold_the_episodes_and_change_nothing(folder, tmp_path):
+def test_recordings_and_bags_hold_the_episodes_and_change_nothing(folder, tmp_path):
     assert main([*OPTIONS, "--out", str(tmp_path)]) == 0
     assert not (tmp_path / "recordings").exists()
     assert not (tmp_path / "players").exists()
@@ -32,6 +35,30 @@ def test_recordings_hold_the_episodes_and_change_nothing(folder, tmp_path):
         assert (folder / "episodes" / name).read_bytes() == (tmp_path / "episodes" / name).read_bytes()
         assert recording.progress[-1] == trace.curve.progress[-1]
         assert recording.about["map"]["shape"] == list(trace.grid.data.shape)
+    rows = read_rows(folder)
+    assert sorted(map(str, deterministic(rows))) == sorted(map(str, deterministic(read_rows(tmp_path))))
+    bags = sorted((folder / "bags").iterdir())
+    assert [f"{bag.stem}.npz" for bag in bags] == names
+    for bag, row in zip(bags, sorted(rows, key=lambda row: (row["policy"], row["seed"])), strict=True):
+        log = load_log(bag)
+        assert log.times[-1] == pytest.approx(float(row["duration"]))
+        assert len(log.ranges) == 1 + round(10.0 * float(row["duration"]))
+
+
+def test_traces_hold_the_maps_as_they_grew(folder):
+    path, _ = sorted((folder / "episodes").glob("nearest*"))
+    trace = Trace.load(path)
+    known = trace.grid.data >= 0
+    np.testing.assert_array_equal(known, np.isfinite(trace.known_since))
+    assert known.any(axis=0)[[0, -1]].all()
+    assert known.any(axis=1)[[0, -1]].all()
+    assert len(trace.trail) == len(trace.curve.time) == 41
+    assert 0.5 < np.mean(trace.known_since[known] == 0.0) < 1.0
+    assert 3.0 < trace.known_since[known].max() <= 4.0
+    # Seen from the start, occupied cells are along true walls.
+    cells = np.argwhere(trace.grid.data >= 65)
+    points = trace.start.transform(trace.grid.centers(cells[np.isfinite(trace.known_since[tuple(cells.T)])]))
+    assert np.mean(wall_distances(points, trace.segments, trace.circles) < 0.15) > 0.95
 
 
 def test_the_report_links_to_pages_of_typical_and_worst_episodes(folder):

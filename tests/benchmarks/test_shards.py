@@ -64,15 +64,6 @@ def test_shards_of_two_totals_do_not_share_a_folder(tmp_path):
     assert len(Evaluation(settings, tmp_path).rows()) == 8
 
 
-def test_a_shard_publishes_nothing(tmp_path):
-    assert (
-        main([*OPTIONS, "--worlds", "pimouse_arena", "--episodes", "2", "--out", str(tmp_path), "--shard", "2/2"]) == 0
-    )
-    names = {path.name for path in tmp_path.iterdir()} - {".lock", ".lock-2of2"}
-    assert names == {"episodes", "episodes-2of2.csv", "settings.json"}
-    assert len((tmp_path / "episodes-2of2.csv").read_text().splitlines()) == 1 + 2
-
-
 def test_a_missing_ray_is_named_with_its_extra(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "ray", None)
     assert main([*OPTIONS, "--worlds", "pimouse_arena", "--out", str(tmp_path), "--ray", "auto"]) == 2
@@ -135,32 +126,21 @@ def test_the_arena_of_the_project_covers_everything():
     settings = read_record(Path(__file__).parents[2] / "configs" / "arena.yaml", Settings)
     # Families are listed only if they have results.
     assert set(settings.worlds) == {*WORLD_NAMES, "rooms", "maze", "warehouse", "caves"}
-    assert set(settings.policies) == {
-        *EXPLORERS,
-        "learned=learned:pretrained/frontiers",
-        "learned_pursuit=pursuit:pretrained/frontiers",
-        "twist=ppo:pretrained/twist",
-    }
+    learned = {f"learned{name}:pretrained/frontiers" for name in ("=learned", "_pursuit=pursuit")}
+    assert set(settings.policies) == {*EXPLORERS, *learned, "twist=ppo:pretrained/twist"}
     assert set(settings.slam_axis.slam) == set(SLAM_NAMES)
 
 
-def test_groups_stand_for_their_worlds():
+def test_groups_stand_for_their_worlds_and_mistakes_are_named():
     settings = parse_record({"policies": ["random"], "worlds": ["library", "barn_test"]}, "mem", Settings)
     assert settings.worlds == (*WORLD_NAMES, *(f"barn:{number}" for number in range(0, 300, 6)))
-
-
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
+    for data, message in (
         ({"slam_axis": {"episode": 3}}, r"mem: unknown key 'slam_axis.episode' \(did you mean 'episodes'\?\)"),
-        ({"worlds": ["maze", "families"]}, r"worlds: must be unique"),
-        ({"worlds": []}, r"worlds: .*at least 1 item"),
-        ({"physics": 3}, r"physics: .*tuple, got 3"),
-    ],
-)
-def test_mistakes_in_the_file_are_named(data, message):
-    with pytest.raises(ValueError, match=message):
-        parse_record({"policies": ["nearest"], "worlds": ["maze"]} | data, "mem", Settings)
+        ({"worlds": ["maze", "families"]}, "worlds: must be unique"),
+        ({"physics": 3}, "physics: .*tuple, got 3"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            parse_record({"policies": ["nearest"], "worlds": ["maze"]} | data, "mem", Settings)
 
 
 def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path, no_overview):

@@ -61,9 +61,8 @@ def test_the_reference_may_win_and_nobody_may():
     text = say(nearest=BASE, frontier=110.0 + SPREAD)
     assert text.startswith("nearest is fastest: no other policy is faster to 95 % over 8 starts; the next")
     never = np.full(STARTS, np.inf)
-    assert say(nearest=never, frontier=never) == (
-        "No policy reached 95 % from any of the 8 starts within the time limit."
-    )
+    nobody = "No policy reached 95 % from any of the 8 starts within the time limit."
+    assert say(nearest=never, frontier=never) == nobody
     both = related([*episodes("nearest", never), *episodes("frontier", never)])
     assert len(verdict_section(both).parts) == 1
     assert verdict_section(related(episodes("nearest", BASE))) is None
@@ -96,9 +95,8 @@ def test_what_no_training_saw_comes_first():
 
 def test_another_order_by_area_is_said():
     rows = [*episodes("nearest", BASE, 0.9), *episodes("frontier", 0.8 * BASE, 0.8)]
-    assert verdict(related(rows)).endswith(
-        "By area under curve, the ranking measure of the leaderboard, nearest is first."
-    )
+    order = "By area under curve, the ranking measure of the leaderboard, nearest is first."
+    assert verdict(related(rows)).endswith(order)
 
 
 @pytest.mark.parametrize("slowest", [120.0, 700.0, np.inf])

@@ -69,14 +69,8 @@ def drive_through_rosbridge(policy, people, seed, speed):
 def drive_in_environment(name, people, seed, start, goal):
     """Return the time of an episode [s]."""
     policy = parse_policy(name, EXPLORERS if goal is None else OFFERED["goal"])
-    arguments = {
-        "world": WORLD,
-        "robot": ROBOT,
-        "physics": "kinematic",
-        "people": people or None,
-        "start": tuple(start),
-    }
-    arguments |= {"time_limit": TIME_LIMIT, "slam": "hector", **policy.arguments}
+    arguments = {"world": WORLD, "robot": ROBOT, "physics": "kinematic", "slam": "hector", "time_limit": TIME_LIMIT}
+    arguments |= {"people": people or None, "start": tuple(start), **policy.arguments}
     if goal is None:
         env = gymnasium.make("lidarnaut/Explore-v0", target_coverage=TARGET, **arguments)
     else:

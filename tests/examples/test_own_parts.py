@@ -11,25 +11,16 @@ import yaml
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.evaluate_command import main as evaluate
 from lidarnaut.train_command import main as train
+from tests.benchmarks.explorations import read_rows
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TASK = "own_task:own_task/ReachGoal-v0"
-OWN = {
-    "world": "own_map:draw_world",
-    "robot": "own_robot:ROBOT",
-    "sensors": ["own_sensor:Beacons"],
-    "reward": "own_reward:Careful",
-    "observations": {"motion": None, "beacons": None, "sectors": "own_observation:Sectors"},
-    "slam": "own_slam:Forgetful",
-}
-TRAINING = {
-    "recipe": None,
-    "total_steps": 16,
-    "num_envs": 2,
-    "algorithm": "own_algorithm:FadingPPO",
-    "hyperparameters": {"n_steps": 8, "batch_size": 16, "n_epochs": 1, "first_ent_coef": 0.02},
-    "evaluation": {"episodes": 1, "references": ["random"]},
-}
+OWN = {"world": "own_map:draw_world", "robot": "own_robot:ROBOT", "sensors": ["own_sensor:Beacons"]}
+OWN |= {"reward": "own_reward:Careful", "slam": "own_slam:Forgetful"}
+OWN |= {"observations": {"motion": None, "beacons": None, "sectors": "own_observation:Sectors"}}
+TRAINING = {"recipe": None, "total_steps": 16, "num_envs": 2, "algorithm": "own_algorithm:FadingPPO"}
+TRAINING |= {"hyperparameters": {"n_steps": 8, "batch_size": 16, "n_epochs": 1, "first_ent_coef": 0.02}}
+TRAINING |= {"evaluation": {"episodes": 1, "references": ["random"]}}
 
 
 @pytest.fixture(autouse=True)
@@ -53,19 +44,15 @@ def test_make_takes_all_parts():
     env = gymnasium.make("lidarnaut/Explore-v0", physics="kinematic", **OWN)
     observation, _ = env.reset(seed=0)
     *_, info = env.step(env.action_space.sample())
-    assert {name: part.shape for name, part in observation.items()} == {
-        "motion": (6,),
-        "beacons": (3,),
-        "sectors": (8,),
-    }
+    shapes = {name: part.shape for name, part in observation.items()}
+    assert shapes == {"motion": (6,), "beacons": (3,), "sectors": (8,)}
     assert "careful" in info["rewards"]
     assert (env.unwrapped.world.name, env.unwrapped.robot.name) == ("my_hall", "my_robot")
     env.close()
 
 
-@pytest.mark.parametrize("num_workers", [0, 1])
-def test_make_vec_takes_all_parts(num_workers):
-    env = gymnasium.make_vec("lidarnaut/Explore-v0", num_envs=2, num_workers=num_workers, **OWN)
+def test_make_vec_takes_all_parts():
+    env = gymnasium.make_vec("lidarnaut/Explore-v0", num_envs=2, num_workers=1, **OWN)
     assert env.reset(seed=0)[0]["sectors"].shape == (2, 8)
     env.step(env.action_space.sample())
     env.close()
@@ -83,14 +70,18 @@ def test_train_takes_all_parts_with_an_algorithm_and_evaluate_takes_them_with_th
     options += ["--policies", "own_explorer:largest", f"learned:{run}", "--episodes", "1", "--time-limit", "3"]
     options += ["--trust", "own_algorithm", "own_explorer"]
     assert evaluate([*options, "--no-world-sections", "--out", "results"]) == 0
-    with open("results/episodes.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(Path("results"))
     assert {row["world"] for row in rows} == {OWN["world"]}
     assert len(rows) == 2
 
 
 def test_train_and_evaluate_take_a_task():
     run = train_on({"id": TASK, "slam": "truth"})
-    options = ["--id", TASK, "--policies", "pursuit", f"learned:{run}", "--physics", "kinematic", "--episodes", "1"]
-    options += ["--trust", "own_algorithm"]
-    assert evaluate([*options, "--time-limit", "3", "--no-world-sections", "--out", "results"]) == 0
+    policies = "pursuit", "dwb", f"learned:{run}"
+    options = ["--id", TASK, "--policies", *policies, "--physics", "kinematic", "--episodes", "1", "--record"]
+    options += ["--arguments.world_size", "[8.0, 8.0]", "--trust", "own_algorithm"]
+    assert evaluate([*options, "--no-world-sections", "--out", "results"]) == 0
+    rows = read_rows(Path("results"))
+    assert [row["end_reason"] for row in rows[:2]] == ["reached"] * 2
+    assert [(row["policy"], row["world"]) for row in rows] == [(name, "rooms") for name in policies]
+    assert Path("results", "players").exists()

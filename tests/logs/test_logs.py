@@ -35,6 +35,8 @@ def test_carmen_log(tmp_path):
     start, step = log.motions()
     assert start == (0, 0, 0)
     np.testing.assert_allclose(step, (1, 1, 1.57))
+    with pytest.raises(FileNotFoundError, match=r"missing\.log"):
+        load_log(tmp_path / "missing.log")
 
 
 def test_robotlaser_log(tmp_path):
@@ -63,11 +65,7 @@ def test_robotlaser_log(tmp_path):
         ("count.log", "FLASER " + "9" * 4000 + " 1\n", "line 1: bad FLASER line: .*too large"),
         ("back.log", CARMEN.replace("12.0 nohost", "9.0 nohost"), "back.log: the clock runs back from 10.5"),
         ("below.log", CARMEN.replace("2.5", "-2.5"), "beam 1 of scan 1 is -2.5 m"),
-        (
-            "maxr.clf",
-            ROBOTLASER.replace("20.0", "inf"),
-            r"maxr.clf: no scan can be used: range limit of inf m; .*--max-range",
-        ),
+        ("maxr.clf", ROBOTLASER.replace("20.0", "inf"), "no scan can be used: range limit of inf m; .*--max-range"),
         ("cut.log.gz", gzip.compress(CARMEN.encode())[:-20], "cut.log.gz: damaged or truncated"),
         ("text.log.gz", CARMEN, "text.log.gz: damaged or truncated"),
     ],
@@ -77,11 +75,6 @@ def test_bad_logs_are_named(tmp_path, name, content, complaint):
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(ValueError, match=complaint):
         load_log(path)
-
-
-def test_a_missing_log_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"missing\.log"):
-        load_log(tmp_path / "missing.log")
 
 
 ARRAYS = {"t": np.arange(3.0), "odo": np.zeros((3, 3)), "idx": np.arange(3), "ranges": np.ones((3, 4))}
@@ -95,20 +88,17 @@ def write_arrays(folder, **changes):
     return folder / "drive.npz"
 
 
-def test_archive(tmp_path):
+def test_archive_of_any_number_type(tmp_path):
     ranges = np.full((3, 4), [1.0, np.nan, 8.0, 9.0])
     log = load_log(write_arrays(tmp_path, ranges=ranges, off=5.0, mount_x=0.3))
     np.testing.assert_array_equal(log.ranges, [[1.0, np.nan, np.inf, np.inf]] * 3)
     np.testing.assert_array_equal(log.times, [5.0, 6.0, 7.0])
     np.testing.assert_allclose(log.lidar.angles + log.lidar.mount.yaw, [-1.0, -0.5, 0.0, 0.5])
     assert log.lidar.mount.x == 0.3
-
-
-@pytest.mark.parametrize("dtype", [np.float16, np.int8])
-def test_arrays_of_any_number_type_are_read(tmp_path, dtype):
-    changes = {name: ARRAYS[name].astype(dtype) for name in ("t", "odo", "ranges")}
-    log = load_log(write_arrays(tmp_path, **changes))
-    assert (log.times.dtype, log.odometry.dtype, log.ranges.dtype) == (np.float64, np.float64, np.float32)
+    for dtype in (np.float16, np.int8):
+        changes = {name: ARRAYS[name].astype(dtype) for name in ("t", "odo", "ranges")}
+        log = load_log(write_arrays(tmp_path, **changes))
+        assert (log.times.dtype, log.odometry.dtype, log.ranges.dtype) == (np.float64, np.float64, np.float32)
 
 
 @pytest.mark.parametrize(
@@ -184,16 +174,10 @@ def test_lasers_that_turn_clockwise(tmp_path):
     ("lines", "complaint"),
     [
         (robotlaser((0, 0, 0), poses=[(0, 0, 0)] * 3), "line 1: .*poses of laser and robot do not agree"),
-        (
-            [robotlaser((0, 0, 0))[0], robotlaser((0, 0, 0), step=0.5)[1]],
-            "line 2: .*.step. is 0.5, earlier 1",
-        ),
+        ([robotlaser((0, 0, 0))[0], robotlaser((0, 0, 0), step=0.5)[1]], "line 2: .*.step. is 0.5, earlier 1"),
         ([robotlaser((0, 0, 0))[0], robotlaser((0, 0, 0), first=0.0)[1]], "line 2: .*configuration .first. is 0"),
         (robotlaser((0, 0, 0), count=1), "no scan can be used: 1 beams; from 2"),
-        (
-            robotlaser((0, 0, 0), step=90.0),
-            "3 beams .* more than a turn; are the angles in degrees",
-        ),
+        (robotlaser((0, 0, 0), step=90.0), "3 beams .* more than a turn; are the angles in degrees"),
     ],
 )
 def test_contradictory_lasers_are_refused(tmp_path, lines, complaint):
@@ -267,12 +251,10 @@ def test_a_jump_that_stays_is_named_and_not_bridged():
     fixed, (said,) = bridge_glitches(times, poses, (0.33, 3.0))
     np.testing.assert_array_equal(fixed, poses)
     assert "beyond 0.33 m/s or 3 rad/s: 99 of 99 motions are impossible; check stamps, units and limits" in said
-
-
-@pytest.mark.parametrize("stamps", [np.zeros(100), np.floor(0.2 * np.arange(100)), 0.2 * (np.arange(100) // 4 * 4)])
-def test_coarse_stamps_are_no_glitches(stamps):
+    # Coarse stamps are no glitches.
     poses = np.column_stack([0.16 * np.arange(100), np.zeros(100), np.zeros(100)])
-    assert bridge_glitches(stamps, poses)[1] == []
+    for stamps in (np.zeros(100), np.floor(0.2 * np.arange(100)), 0.2 * (np.arange(100) // 4 * 4)):
+        assert bridge_glitches(stamps, poses)[1] == []
 
 
 def test_small_files_that_unpack_to_any_size_are_refused(tmp_path, monkeypatch):

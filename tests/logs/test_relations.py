@@ -110,9 +110,7 @@ def test_beams_through_walls_are_counted():
     turned = still.copy()
     turned[:10, 2] = math.pi / 4  # beams miss the wall that the last scan passes through
     assert conflict_share(log, turned) == 0.0
-
-
-def test_a_room_seen_twice_at_different_poses_conflicts():
+    # A room seen twice at different poses.
     log = log_of([[2.0, 2.0, 2.0, 2.0]] * 10)
     poses = np.zeros((10, 3))
     assert conflict_share(log, poses) == 0.0

@@ -4,7 +4,6 @@ import math
 import runpy
 import sys
 import types
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +18,6 @@ from lidarnaut.envs.logs.runs import picture, replay, save_g2o
 from lidarnaut.envs.slam import SLAM_NAMES, Belief
 from tests.logs.test_logs import CARMEN
 from tests.logs.test_relations import DATA, needs_data
-
-ROOT = Path(__file__).parents[2]
 
 
 class TurningSlam:
@@ -179,12 +176,9 @@ def test_pose_graphs_that_make_no_sense_are_not_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_corrected_path_has_a_pose_per_scan(log):
+def test_paths_and_poses_that_make_no_sense_are_named(log):
     with pytest.raises(ValueError, match=r"corrected path of shape \(5, 3\) after 2 scans"):
         main(Options(log, slam=OWN + "WrongSlam"))
-
-
-def test_a_slam_whose_pose_is_no_number_is_named(log):
     slam = TurningSlam(None, 0.05)
     slam.reset = lambda rng: setattr(slam, "theta", math.nan)
     with pytest.raises(ValueError, match=r"estimator TurningSlam: pose.* must be finite, got Pose2D.*nan"):

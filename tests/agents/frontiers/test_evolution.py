@@ -27,15 +27,12 @@ TINY = {"algorithm": "evolution", "experiment": "tiny", "seed": 1, "population":
 TINY |= {"num_workers": 1, "validate_every": 2, "families": ("rooms",)}
 
 
-def test_half_of_the_library_is_held_out_by_name():
+def test_half_of_the_library_is_held_out_and_tasks_hold_none_of_it_and_fit_their_robots():
     assert set(HELD_OUT.worlds) < set(WORLD_NAMES)
     assert set(HELD_OUT.robots) < set(ROBOT_NAMES)
     assert len(HELD_OUT.worlds) >= len(WORLD_NAMES) / 2
     assert not set(TRAINING_WORLDS) & set(HELD_OUT.worlds)
     assert not set(TRAINING_ROBOTS) & set(HELD_OUT.robots)
-
-
-def test_tasks_hold_nothing_that_is_held_out_and_fit_their_robots():
     rng = np.random.default_rng(0)
     tasks = [draw_task(rng) for _ in range(200)]
     names = {task.world for task in tasks}
@@ -128,15 +125,12 @@ def test_validations_are_logged_after_nearest_which_is_measured_once(whole, tmp_
     assert events.Scalars("evaluation/time_over_rule")[0].value == 1.0
 
 
-def test_the_command_line_refuses(tmp_path, capsys):
+def test_mistakes_and_missing_runs_are_named(tmp_path, capsys):
     config = tmp_path / "tiny.yaml"
     for line, says in (("population: 2", "population"), ("families: [rooms, mase]", "unknown family 'mase'")):
         config.write_text(f"algorithm: evolution\nexperiment: tiny\n{line}\n")
         assert train.main(["--config", str(config)]) == 2
         assert says in capsys.readouterr().err
-
-
-def test_there_is_no_run_where_there_is_none(tmp_path):
     with pytest.raises(CheckpointError, match="not a run folder"):
         evolve(EvolutionConfig(**TINY), resume=tmp_path, progress=False)
     with pytest.raises(CheckpointError, match="pretrained/nothing"):

@@ -46,23 +46,19 @@ def drive(env, policy, seed, num_steps):
 @pytest.mark.parametrize("make", [ExploreFrontiersAbstractEnv, ExploreFrontiersEnv])
 @pytest.mark.parametrize(("weights", "rule"), [(PRIOR, GainOverCost()), (NEAREST, nearest)])
 def test_weights_of_rules_choose_as_the_rules_do(make, weights, rule):
-    env = make(physics="kinematic", **QUICK)
-    agree = [
-        choice == rule(env.candidates, env.belief).argmax() for _, choice in drive(env, FrontierScore(weights), 4, 30)
-    ]
+    env, policy = make(physics="kinematic", **QUICK), FrontierScore(weights)
+    agree = [choice == rule(env.candidates, env.belief).argmax() for _, choice in drive(env, policy, 4, 30)]
     assert len(agree) > 10
     assert all(agree)
 
 
 def test_features_are_finite_and_vary():
     env = ExploreFrontiersAbstractEnv(**QUICK)
-    features = np.vstack(
-        [
-            score_features(*(observation[name] for name in PARTS), len(env.candidates))
-            for seed in range(4)
-            for observation, _ in drive(env, FrontierScore(), seed, 25)
-        ]
-    )
+    rows = []
+    for seed in range(4):
+        for observation, _ in drive(env, FrontierScore(), seed, 25):
+            rows.append(score_features(*(observation[name] for name in PARTS), len(env.candidates)))
+    features = np.vstack(rows)
     assert features.shape[1] == NUM_FEATURES == len(NAMES)
     assert np.isfinite(features).all()
     assert np.abs(features).max() < 20.0
@@ -77,11 +73,14 @@ def test_what_failed_comes_last():
     assert policy(observation) != first
 
 
-def test_weights_are_saved_and_loaded(tmp_path):
+def test_weights_that_fit_are_saved_and_loaded(tmp_path):
     weights = np.random.default_rng(0).standard_normal(NUM_FEATURES)
     FrontierScore(weights).save(tmp_path / "policy", {"seed": 3})
     np.testing.assert_array_equal(FrontierScore.load(tmp_path / "policy").weights, weights)
     assert json.loads((tmp_path / "policy" / RECORD_FILE).read_text())["seed"] == 3
+    for weights in (np.zeros(3), np.full(len(PRIOR), np.inf)):
+        with pytest.raises(ValueError, match="finite"):
+            FrontierScore(weights)
 
 
 @pytest.mark.parametrize(
@@ -101,12 +100,6 @@ def test_damage_is_named(tmp_path, file, content):
         (tmp_path / "policy" / file).write_bytes(content)
     with pytest.raises(CheckpointError, match="policy"):
         FrontierScore.load(tmp_path / "policy")
-
-
-def test_weights_must_fit():
-    for weights in (np.zeros(3), np.full(len(PRIOR), np.inf)):
-        with pytest.raises(ValueError, match="finite"):
-            FrontierScore(weights)
 
 
 @pytest.mark.parametrize("name", ["prior", "pretrained/frontiers"])

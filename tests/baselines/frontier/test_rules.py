@@ -3,21 +3,9 @@ import pytest
 
 from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.baselines import (
-    ExploreLite,
-    ExploreLiteExplorer,
-    FrontierExplorer,
-    FrontierParams,
-    GainOverCostExplorer,
-    GreedyGainExplorer,
-    NearestExplorer,
-    NextBestViewExplorer,
-    NextBestViewParams,
-    RrtParams,
-    TourParams,
-    make_explorer,
-)
+from lidarnaut.baselines import FrontierParams, GainOverCostExplorer, RrtParams, TourParams, make_explorer
 from lidarnaut.baselines.episode import run_episode
+from lidarnaut.baselines.frontier.rules import ExploreLite, NextBestViewParams
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.navigation import GainOverCost
@@ -54,9 +42,6 @@ def test_pursuit_explores_and_touches_nothing(name):
         episode = explore(name, seed, **ROOMS)
         assert episode.explored_fraction >= 0.9
         assert episode.collisions == 0
-
-
-def test_only_scores_of_frontiers_are_driven_by_pursuit():
     with pytest.raises(CheckpointError, match="twist is not a frontier score"):
         parse_policy("pursuit:pretrained/twist")
 
@@ -103,11 +88,11 @@ def test_a_reset_comes_first(name, lacks):
 
 def test_nearest_goes_to_the_nearest_opening_that_has_not_failed():
     # The openings are at x = -0.1 and x = 10.1.
-    assert first_choice(NearestExplorer(), 4.0, 0.0)[0] < 0.0
-    assert first_choice(NearestExplorer(), 6.0, 0.0)[0] > 10.0
+    assert first_choice(make_explorer("nearest"), 4.0, 0.0)[0] < 0.0
+    assert first_choice(make_explorer("nearest"), 6.0, 0.0)[0] > 10.0
     candidates = candidates_from(4.0, 0.0)
     candidates["failures"][:] = candidates["frontier"][:, 0] < 0.0
-    chosen = NearestExplorer().rule(candidates, belief_at(4.0, 0.0)).argmax()
+    chosen = make_explorer("nearest").rule(candidates, belief_at(4.0, 0.0)).argmax()
     assert candidates["frontier"][chosen][0] > 10.0
 
 
@@ -116,7 +101,7 @@ def test_nearest_leaves_openings_narrower_than_the_robot_for_later(robot, side):
     grid, robot = hall(), load_robot(robot)
     grid.data[64:96, 28:30] = 100
     grid.data[74:86, 28:30] = 0  # 0.6 m
-    explorer = NearestExplorer()
+    explorer = make_explorer("nearest")
     explorer.reset(robot, 0.1, np.random.default_rng(0))
     explorer.act(reading_of(robot=robot), belief_at(4.0, 0.0, grid))
     assert (explorer.navigator.target[0] < 5.0) == (side == "left")
@@ -128,16 +113,16 @@ def test_explore_lite_weighs_three_metres_against_nine_cells():
     assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 299)))[0] < 7.0
     assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 339)))[0] > 13.0
     # Without gain, the nearer frontier is better.
-    explorer = ExploreLiteExplorer(ExploreLite(gain_scale=0.0))
+    explorer = parse_policy("explore_lite?gain_scale=0.0").make()
     assert first_choice(explorer, 10.0, -0.5, corridor((103, 122), (280, 339)))[0] < 7.0
 
 
 @pytest.mark.parametrize(
     ("explorer", "goes_far"),
     [
-        (GreedyGainExplorer(), True),
+        (make_explorer("greedy_gain"), True),
         (make_explorer("next_best_view:published"), False),
-        (NextBestViewExplorer(NextBestViewParams(discount=0.0)), True),
+        (parse_policy("next_best_view?discount=0.0").make(), True),
         (GainOverCostExplorer(), True),
         # A small added cost favours the nearest frontier; a high minimum gain makes all views equal.
         (GainOverCostExplorer(GainOverCost(least_gain=100.0, least_cost=0.1)), False),
@@ -149,9 +134,9 @@ def test_rules_weigh_a_crack_close_by_against_a_wide_opening_far_away(explorer, 
 
 
 def test_frontier_prefers_the_greater_gain_at_equal_distance():
-    assert first_choice(FrontierExplorer(), 5.0, 0.0)[0] > 10.0
+    assert first_choice(make_explorer("frontier"), 5.0, 0.0)[0] > 10.0
     # Much nearer to the small opening, the gain does not outweigh the distance.
-    assert first_choice(FrontierExplorer(), 1.8, 0.0)[0] < 0.0
+    assert first_choice(make_explorer("frontier"), 1.8, 0.0)[0] < 0.0
 
 
 @pytest.mark.parametrize(

@@ -111,9 +111,7 @@ def test_viewpoints_are_spread_evenly_and_paths_lead_around_walls_through_those_
         (3.0, 0.8, 12.6, 12.6, 9.6, (0.5, 0.6)),
     ],
 )
-def test_a_corridor_is_toured_by_the_shortest_path_from_which_enough_is_seen(
-    start, target, first, last, expected, within
-):
+def test_a_corridor_is_toured_by_the_shortest_path_that_sees_enough(start, target, first, last, expected, within):
     stops, length = planned(corridor(start), target)
     assert stops[[0, -1], 0] == pytest.approx([first, last], abs=within[0])
     assert length == pytest.approx(expected, abs=within[1])

@@ -118,9 +118,8 @@ def test_edges_lead_from_the_vertices_that_were_extended(eta):
     tree = Tree((0.5, 0.5), eta=eta, spacing=0.3, resets=False)
     tree.grow(grid, samples, (0.0, 0.0))
     cells = (samples - grid.origin) / 0.05
-    vertices, parents = grown_slowly(
-        grid.data, cells, eta / 0.05, 0.3 / 0.05, np.subtract((0.5, 0.5), grid.origin) / 0.05
-    )
+    root = np.subtract((0.5, 0.5), grid.origin) / 0.05
+    vertices, parents = grown_slowly(grid.data, cells, eta / 0.05, 0.3 / 0.05, root)
     expected = np.stack([vertices[parents], vertices[1:]], axis=1) * 0.05 + grid.origin
     assert len(expected) > 60
     assert len(set(parents)) > 20
@@ -193,9 +192,7 @@ def test_three_robots_take_three_points_and_a_fourth_gets_none():
     assert assign(island_map(), robots, ISLANDS, costs, RrtParams()).tolist() == [1, 2, 0]
     more = np.vstack([robots, [[9.0, 9.0]]])
     assert assign(island_map(), more, ISLANDS, distances(more, ISLANDS), RrtParams()).tolist() == [1, 2, 0, UNASSIGNED]
-
-
-def test_points_that_cannot_be_reached_are_not_assigned():
+    # Points that cannot be reached are not assigned.
     robots = np.array([[1.0, 2.0], [7.0, 2.0]])
     costs = distances(robots, ISLANDS)
     costs[0] = np.inf
