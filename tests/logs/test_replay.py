@@ -288,21 +288,20 @@ def test_picture_shows_low_y_at_the_bottom():
 
 @needs_data
 @pytest.mark.parametrize(
-    ("slam", "seed", "online", "final", "rotation", "milliseconds"),
-    [  # single seeds of GMapping: 0.048 to 0.080 m; times are about a tenth on an idle machine
-        ("tinyslam", 200, 0.15, 0.15, 3.0, 5.0),
-        ("hector", 0, 0.045, 0.045, 1.5, 1.0),
-        ("gmapping", 200, 0.09, 0.09, 2.5, 15.0),
-        ("graph", 0, 0.06, 0.041, 2.5, 10.0),
+    ("slam", "seed", "online", "final", "rotation"),
+    [  # single seeds of GMapping: 0.048 to 0.080 m
+        ("tinyslam", 200, 0.15, 0.15, 3.0),
+        ("hector", 0, 0.045, 0.045, 1.5),
+        ("gmapping", 200, 0.09, 0.09, 2.5),
+        ("graph", 0, 0.06, 0.041, 2.5),
     ],
 )
-def test_slams_map_the_intel_research_lab(slam, seed, online, final, rotation, milliseconds):
+def test_slams_map_the_intel_research_lab(slam, seed, online, final, rotation):
     options = Options(DATA / "scans_2725.npz", slam=slam, relations=DATA / "intel.relations", first_seed=seed)
     (run,) = main(options)
     assert run.errors["online relation error"].translation < online
     assert run.errors["final relation error"].translation < final
     assert run.errors["online relation error"].rotation < rotation
-    assert run.milliseconds < milliseconds
     if slam == "graph":
         assert run.errors["final unambiguous"].translation < 0.024
         assert run.loop_closures > 300
