@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import gymnasium
+import numpy as np
 import pytest
 
 from lidarnaut.agents.policy_names import parse_policy
@@ -97,9 +98,6 @@ def test_parameters_of_a_policy_and_of_its_navigator_are_set_by_name():
     assert (params.hysteresis, params.max_stops) == (3.0, 8)
     assert (explorer.max_time, explorer.planning.inflation) == (float("inf"), 0.2)
     assert list(explorer.planning.view_distances) == [0.0, 0.5]
-    for name, is_deterministic in (("", True), ("?deterministic=false", False)):
-        learned = pickle.loads(pickle.dumps(parse_policy(f"ppo:pretrained/reach{name}"))).make()
-        assert learned._deterministic == is_deterministic
 
 
 def test_parameters_of_dwb_are_set_by_name():
@@ -126,6 +124,21 @@ def test_parameters_of_dwb_are_set_by_name():
         assert "\n" not in str(caught.value)
     with pytest.raises(ValueError, match="max_goal_tolerance: Input should be greater than or equal to 0"):
         parse_policy("frontier?max_goal_tolerance=-1")
+
+
+def test_learned_policies_draw_their_actions_if_asked():
+    env = gymnasium.make("lidarnaut/ReachClutter-v0", **parse_policy("ppo:pretrained/reach").arguments)
+    observation, _ = env.reset(seed=0)
+
+    def actions(name, seed):
+        policy = pickle.loads(pickle.dumps(parse_policy(f"ppo:pretrained/reach{name}"))).make()
+        policy.reset(env.unwrapped.robot, env.unwrapped.control_period, np.random.default_rng(seed))
+        return np.array([policy(observation) for _ in range(40)])
+
+    drawn = actions("?deterministic=false", 1)
+    assert len(np.unique(drawn, axis=0)) > 1
+    np.testing.assert_array_equal(drawn, actions("?deterministic=false", 1))
+    assert len(np.unique(actions("", 1), axis=0)) == 1
 
 
 @pytest.mark.parametrize(
