@@ -14,7 +14,7 @@ from .bullet_robot import BulletRobot
 from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls, import_pybullet
 from .crowd import Crowd
 from .crowd.step import step_people
-from .records import COMMAND_V, COMMAND_W, DRAW, LEFT_TICKS, TOUCHED, TOUCHED_PERSON, X, Y, robot_record
+from .records import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, TOUCHED_PERSON, X, Y, robot_record
 from .simulator import Simulator
 
 GRAVITY = 9.81
@@ -46,7 +46,7 @@ class BulletSimulator(Simulator):
         self._substeps = int(robot_record(robot, self._period).substeps)
         fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
         self._reach = 2.0 * (robot.radius + fastest * self._period)
-        self.robots = [BulletRobot(robot, self._period, row) for row in self.rows.numbers[:, :LEFT_TICKS]]
+        self.robots = [BulletRobot(robot, self._period, row) for row in self.rows.numbers[:, :STATE_SIZE]]
         self._built: World | None = None
 
     def close(self) -> None:

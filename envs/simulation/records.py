@@ -99,6 +99,7 @@ X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GY
 units.
 
 `COMMANDED_V`, `COMMANDED_W`: twist set by the speed controller, within the acceleration limits."""
+STATE_SIZE = GYRO_BIAS + 1
 LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = _take(*[1] * 5)
 """Columns of sensor measurements in a robot's state vector: encoder counts, yaw rate [rad/s], compass heading [rad],
 contact.

@@ -65,6 +65,7 @@ def compiled(checkout, warm):
 
 def start(checkout, program=PROGRAM, stderr=subprocess.PIPE, **variables):
     environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout.parent / "cache"), **variables}
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"  # Python compares seconds and sizes of edited files with its own cache
     command = [sys.executable, "-c", program]
     return subprocess.Popen(command, env=environment, cwd=checkout, stdout=subprocess.PIPE, stderr=stderr, text=True)
 
