@@ -24,7 +24,7 @@ class WheelMotion:
         self._robot, self._scales, self.uses_encoders = robot, scales, uses_encoders
         self.messages: deque[tuple[float, np.ndarray]] = deque()
         """Stamp [s], and base pose in the odometry frame or encoder counts, of each message, oldest first."""
-        self._newest = np.zeros(0)  # content of the newest message at the last `advance`
+        self._newest = np.zeros(3)  # content of the newest message at the last `advance`
         self.ticks = 0, 0
         """Encoder counts of the left and the right wheel since the first `advance`, without jumps."""
         self._travel = np.zeros(2)  # of the wheels [m]

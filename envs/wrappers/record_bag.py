@@ -27,8 +27,8 @@ class BagRecorder:
 
     As a context manager, removes the bag after an exception. Per control period: `/clock`, `/scan`, `/odom`, `/tf`,
     `/cmd_vel`, `/plan`, `/sensors/NAME` (user-defined), `/tracks` (people) and `/ground_truth/people`. Per second:
-    `/map`. Once: `/tf_static`. Times are since the reset. `/odom` is always odometry. Frames: `map`, `odom`,
-    `base_footprint`, `base_link`, `laser`.
+    `/map`. Once: `/tf_static`. Times are since the reset. `/odom` is odometry, also with `slam="truth"`. Frames: `map`,
+    `odom`, `base_footprint`, `base_link`, `laser`.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
