@@ -41,16 +41,15 @@ def _update_bias(row, variance):
 def update_odometry(row, left_ticks, right_ticks):
     """Update a state vector with new encoder counts: counts, odometry motion, pose, and gyroscope bias.
 
-    The first call after a reset starts the odometry at the origin. Distances are from the wheels. Turns are from the
-    wheels or, on robots such as the TurtleBot3, from the gyroscope, whose bias is estimated while the wheels rest
+    The first call after `Rows.reset` starts the odometry at the origin. Distances are from the wheels. Turns are from
+    the wheels or, on robots such as the TurtleBot3, from the gyroscope, whose bias is estimated while the wheels rest
     (zero-velocity update). `row`: state vector with the new yaw rate.
     """
     setup = at.OdometrySettings(*as_tuple(row[at.ODOMETRY_SETTINGS : at.ROBOT], NUM_SETTINGS))
     left, right = int(left_ticks - row[at.LEFT_TICKS]), int(right_ticks - row[at.RIGHT_TICKS])
     row[at.LEFT_TICKS], row[at.RIGHT_TICKS] = left_ticks, right_ticks
     if row[at.STEPS] == 0.0:
-        row[at.ODOMETRY : at.ODOMETRY_POSE + 3] = 0.0
-        row[at.BIAS], row[at.BIAS_VARIANCE] = 0.0, setup.bias_variance
+        row[at.BIAS_VARIANCE] = setup.bias_variance
         _update_bias(row, setup.gyro_variance)
         return
     if setup.uses_gyro > 0.0:
