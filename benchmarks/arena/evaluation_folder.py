@@ -71,7 +71,8 @@ class Records:
             columns: names and parsers of the columns of `episodes.csv`.
             settings: settings common to all episodes.
             shard: part of the evaluation to run, such as `1of4`; empty for all.
-            worlds: paths or `module:attribute` of user-defined worlds, and files of SLAM presets and robots, by name.
+            worlds: paths or `module:attribute` of user-defined worlds, files of SLAM presets by name, and of
+                robots by `robot NAME`.
 
         Raises:
             ValueError: if the folder has other settings or worlds, or unreadable rows.
@@ -106,7 +107,7 @@ class Records:
         self._rows = {Key.of(row): row for row in self._episodes.read()}
         self._failures = {Key.of(row): row["reason"] for row in self._reasons.read()}
         self._known_worlds = {row["world"]: row for row in self._worlds.read()}
-        there = {name for key in self._rows for name in (key.world, key.slam, key.robot)}
+        there = {name for key in self._rows for name in _files_of(key._asdict())}
         for world, own in self._own_worlds.items():
             known = self._known_worlds.get(world, own)
             if world in there and (known["content"] or known["source"]) != (own["content"] or own["source"]):
@@ -134,7 +135,7 @@ class Records:
         return None if key in self._rows else self._failures.get(key)
 
     def add(self, row: Row) -> None:
-        for name in (row["world"], row["slam"], row["robot"]):
+        for name in _files_of(row):
             own = self._own_worlds.get(name)
             if own and self._known_worlds.get(name) != own:
                 self._worlds.append(own)
@@ -200,6 +201,11 @@ def read_table(path: Path, columns: Readers) -> Iterator[Row]:
             yield {name: read(value) for (name, read), value in zip(columns.items(), record, strict=True)}
         except ValueError as error:
             raise ValueError(f"{path}, row {number}: damaged: {error}; remove the row to run it again") from error
+
+
+def _files_of(row: Row) -> tuple[str, ...]:
+    """Return the names of the files that an episode may depend on, as in `worlds.csv`."""
+    return row["world"], row["slam"], f"robot {row['robot']}"
 
 
 def _fingerprint(source: str) -> str:

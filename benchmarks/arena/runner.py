@@ -25,6 +25,7 @@ from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Job, Result, exp
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import Lock, own_folder, split_parameters, write_file
 from lidarnaut.envs.ids import CHOOSE
+from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
 from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 
@@ -90,7 +91,7 @@ class Evaluation:
         known = {USUAL, *WORLD_NAMES, *BARN_NAMES, *FAMILIES}
         own_worlds = {name: world for name, world in worlds.items() if world not in known}
         presets = {key.slam: split_parameters(key.slam)[1].get("preset", "") for key in self._all_tasks}
-        robots = {key.robot: task.case.robot for key, task in self._all_tasks.items()}
+        robots = {f"robot {key.robot}": task.case.robot for key, task in self._all_tasks.items()}
         own_worlds |= {name: file for name, file in (presets | robots).items() if Path(str(file)).is_file()}
         common = {"time_limit": settings.time_limit, "id": settings.id}
         common["arguments"] = json.loads(json.dumps(settings.arguments, default=repr))
@@ -176,6 +177,7 @@ class Evaluation:
     def _check_cases(self) -> Makers:
         classic: Makers | None = None
         faults: list[BaseException] = []
+        robots = {name: (name, load_robot(name)) for name in ROBOT_NAMES}
         for case, seed, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
             if case in self._robots:
                 continue
@@ -183,7 +185,13 @@ class Evaluation:
                 env = case.make_env(self._objects(case))
             with contextlib.closing(env):
                 inner = lidar_env_of(env)
-                self._robots[case] = inner.robot.name
+                self._robots[case] = name = inner.robot.name
+                first, robot = robots.setdefault(name, (case.robot, inner.robot))
+                if robot != inner.robot:
+                    raise ValueError(
+                        f"robots {first!r} and {case.robot!r} differ, but both have the name {name!r}, which "
+                        "identifies their episodes; change `name` in one of them"
+                    )
                 self.measures = Measures(inner.task.measures, inner.task.progress)
                 try:
                     if classic is None:

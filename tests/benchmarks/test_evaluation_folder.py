@@ -168,3 +168,14 @@ def test_a_changed_file_of_a_slam_preset_or_a_robot_is_noticed(tmp_path, kind):
     own.write_text(other)
     with pytest.raises(ValueError, match=r"with '.*own.*' of an earlier version of .*own\.yaml; choose"):
         Evaluation(settings, tmp_path / "out")
+
+
+@pytest.mark.parametrize("others", [("raspimouse",), ()])
+def test_robots_that_differ_and_share_a_name_are_refused(tmp_path, others):
+    own = tmp_path / "own.yaml"
+    own.write_text((LIBRARY / "raspimouse.yaml").read_text().replace("max_v: 0.26", "max_v: 0.1"))
+    (tmp_path / "copy.yaml").write_text((LIBRARY / "raspimouse.yaml").read_text())
+    settings = {"policies": ("random",), "worlds": ("turtlebot3_stage_1",), "episodes": 1}
+    with pytest.raises(ValueError, match=r"robots 'raspimouse' and '.*own\.yaml' differ, but both"):
+        Evaluation(Settings(**settings, robots=(*others, str(own))), tmp_path / "out")
+    Evaluation(Settings(**settings, robots=(*others, str(tmp_path / "copy.yaml"))), tmp_path / "out")
