@@ -27,6 +27,10 @@ def measure(episodes: Count = 3, path: str = ""):
     Path(path).write_text(str(episodes))
 
 
+def show(options):
+    """Run the command line of `Options`."""
+
+
 @dataclass(frozen=True)
 class Options:
     folder: Annotated[Path, tyro.conf.Positional]
@@ -42,16 +46,16 @@ class Options:
     [
         *((measure, ["--episodes", count], "--episodes") for count in ("0", "-1", "1.5", "nan", "")),
         (measure, ["--path", "/"], ": [Errno 21] Is a directory: '/'\n"),
-        (print, [], "missing: PATH"),
-        (print, ["a", "--knid", "slow"], "Unrecognized options: --knid, slow; Perhaps you meant: --kind {slow,fast}"),
-        (print, ["a", "--kind", "big"], "invalid choice 'big' for argument '--kind'. Expected one of ('slow', 'fast')"),
-        (print, ["a", "--bounds", "1", "x"], "Error parsing --bounds: no type matching {None}|{FLOAT FLOAT} could be"),
+        (show, [], "missing: PATH"),
+        (show, ["a", "--knid", "slow"], "Unrecognized options: --knid, slow; Perhaps you meant: --kind {slow,fast}"),
+        (show, ["a", "--kind", "big"], "invalid choice 'big' for argument '--kind'. Expected one of ('slow', 'fast')"),
+        (show, ["a", "--bounds", "1", "x"], "Error parsing --bounds: no type matching {None}|{FLOAT FLOAT} could be"),
     ],
 )
 def test_wrong_options_are_one_plain_line(function, arguments, says, encoding, capsys, monkeypatch):
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BytesIO(), encoding))
     with pytest.raises(SystemExit) as stop:
-        run_command(function, arguments, **({"options": Options} if function is print else {}))
+        run_command(function, arguments, **({"options": Options} if function is show else {}))
     assert stop.value.code == 2
     said = capsys.readouterr().err
     assert says in said
