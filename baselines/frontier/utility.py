@@ -21,7 +21,6 @@ from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.navigation import Candidates, DwbPlanner, FrontierNavigator, crop_to_known
 from lidarnaut.envs.navigation.frontiers.frontiers import information_gain
-from lidarnaut.envs.navigation.maps.costmap import OCCUPIED_FROM
 from lidarnaut.envs.navigation.maps.planning_params import DwbParams, NavigatorParams, PlanningParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
@@ -95,7 +94,7 @@ class FrontierUtility:
             self.blacklist.append(self.goal)
             del self.blacklist[: -self._params.max_blacklist_size]
         grid = crop_to_known(candidates.costmap.grid)
-        share = np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_FROM)) / grid.data.size
+        share = np.count_nonzero(grid.free) / grid.data.size
         for step, params in enumerate(self._steps):
             self.relaxation = step
             choice, num_clusters = self._best(candidates, grid, belief, params, share)

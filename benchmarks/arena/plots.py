@@ -197,11 +197,11 @@ def extent_of(traces: Sequence[Trace]) -> Extent:
 
 def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent) -> None:
     """Draw the map known at `moment` [s], with path and true walls; `end` is the last time of the colour scale [s]."""
-    since, data = trace.known_since, trace.grid.data
+    since = trace.known_since
     known = since <= moment
-    picture = np.full((*data.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
+    picture = np.full((*since.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
     picture[known] = TIMES(np.sqrt(since[known] / max(end, 1e-9)))
-    picture[known & (data >= 50)] = to_rgba(INK)
+    picture[known & trace.grid.occupied] = to_rgba(INK)
     x_min, y_min, x_max, y_max = trace.grid.bounds
     image = axes.imshow(picture, origin="lower", extent=(x_min, x_max, y_min, y_max), interpolation="auto")
     image.set_transform(Affine2D().rotate(trace.start.theta).translate(*trace.start[:2]) + axes.transData)

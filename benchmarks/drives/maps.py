@@ -81,7 +81,7 @@ def wrong_cells(grid: OccupancyGrid, map_pose: Pose2D, walls: OccupancyGrid) -> 
     The pose `map_pose` of the map frame and the true occupancy grid `walls` are in the world frame.
     """
     distance = ndimage.distance_transform_edt(walls.data == 0) * walls.resolution
-    occupied = np.argwhere(grid.data >= 65)
+    occupied = np.argwhere(grid.occupied)
     cells = walls.cells(map_pose.transform(grid.centers(occupied)))
     is_wrong = ~walls.contains(cells)
     is_wrong[~is_wrong] = distance[tuple(cells[~is_wrong].T)] > WALL_TOLERANCE

@@ -32,6 +32,16 @@ class OccupancyGrid:
             raise ValueError(f"resolution must be positive, got {self.resolution}")
 
     @property
+    def occupied(self) -> np.ndarray:
+        """Mask of obstacle cells, of at least `OCCUPIED_FROM` percent: shape of the data, bool."""
+        return self.data >= OCCUPIED_FROM
+
+    @property
+    def free(self) -> np.ndarray:
+        """Mask of known cells without an obstacle: shape of the data, bool."""
+        return (self.data >= 0) & (self.data < OCCUPIED_FROM)
+
+    @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Covered area (x_min, y_min, x_max, y_max) [m]."""
         height, width = self.data.shape

@@ -16,7 +16,6 @@ from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.slam.scans import check_scan
-from lidarnaut.envs.worlds.map_files import FREE_THRESH
 
 from .amcl_params import AmclParams
 from .beam_model import BeamModel
@@ -41,7 +40,7 @@ class _MapTables:
     in_use: ClassVar[weakref.WeakValueDictionary[tuple, "_MapTables"]] = weakref.WeakValueDictionary()
 
     def __init__(self, key: tuple, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
-        free = (occupancy.data >= 0) & (occupancy.data < 100 * FREE_THRESH)
+        free = occupancy.free
         if not free.any():
             raise ValueError("the map has no free cell")
         self.key, self.map = key, replace(occupancy, data=occupancy.data.copy(), origin=(0.0, 0.0))

@@ -10,7 +10,6 @@ from numba import njit
 
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid
 from lidarnaut.envs.robots import LidarParams
-from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 from .amcl_params import AmclParams
 from .likelihood_field import Beams, Field, obstacle_distances
@@ -102,7 +101,7 @@ class BeamModel:
         resolution = occupancy.resolution
         self._beams = Beams(params, lidar, resolution)
         self._mixture = BeamMixture(*(getattr(params, field) for field in BeamMixture._fields))
-        blocked = (occupancy.data >= 100 * OCCUPIED_THRESH) | (occupancy.data == UNKNOWN)
+        blocked = occupancy.occupied | (occupancy.data == UNKNOWN)
         distances = obstacle_distances(blocked, resolution, params.max_distance) / resolution
         self._field = Field(distances.astype(np.float32), 0, occupancy.origin, resolution)
 

@@ -13,7 +13,6 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.distance_transform import MAX_REACH, squared_distances
 from lidarnaut.envs.geometry.lookup import load
 from lidarnaut.envs.robots import LidarParams
-from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 from .amcl_params import AmclParams
 from .motion_model import cosine, sine
@@ -179,7 +178,7 @@ class LikelihoodField:
         def entry(distance: np.ndarray | float) -> np.ndarray:
             return np.rint((likelihood(distance) - self._least) / self._unit).astype(np.uint16)
 
-        obstacles = np.pad(occupancy.data >= 100 * OCCUPIED_THRESH, far)
+        obstacles = np.pad(occupancy.occupied, far)
         distances = obstacle_distances(obstacles, resolution, params.max_distance)
         # By rows, as temporary arrays of large maps are slow.
         values = np.array([entry(row) for row in distances])

@@ -12,7 +12,6 @@ from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import NO_POINTS, Candidates, FrontierNavigator, Markers
-from lidarnaut.envs.navigation.maps.costmap import OCCUPIED_FROM
 from lidarnaut.envs.navigation.policy import Policy, adopt
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.simulation.crowd.person_row import KIND
@@ -207,7 +206,7 @@ class MapHistory:
         self._kinds, self._corner = np.pad(self._kinds, list(zip(before, after))), self._corner - before
         now = np.zeros_like(self._kinds)
         (top, left), (height, width) = corner - self._corner, grid.data.shape
-        kinds = np.where(grid.data >= OCCUPIED_FROM, np.uint8(OCCUPIED), np.uint8(FREE))
+        kinds = np.where(grid.occupied, np.uint8(OCCUPIED), np.uint8(FREE))
         now[top : top + height, left : left + width] = np.where(grid.data >= 0, kinds, 0)
         changes = self._kinds ^ now
         cells = np.argwhere(changes)

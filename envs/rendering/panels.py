@@ -128,7 +128,7 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
 
     side = grid.resolution * view.scale
     if side < _VISIBLE_SIDE:
-        draw_dots(_centres(grid, grid.data >= 65), _VISIBLE_SIDE, style.OCCUPIED)
+        draw_dots(_centres(grid, grid.occupied), _VISIBLE_SIDE, style.OCCUPIED)
     if not scene.has_known_map:
         draw_dots(_centres(grid, frontier_mask(grid)), max(6, round(1.4 * side)), style.FRONTIER)
     if scene.particles is not None:

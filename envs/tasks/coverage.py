@@ -9,7 +9,6 @@ from lidarnaut.envs.estimation import MapUpdate
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.worlds import ExplorableArea
-from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
 """Bit flags of a cell in the world's raster: can be explored; is known in the map; was observed from the true pose."""
@@ -209,7 +208,7 @@ def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance:
     walls = area.walls
     wall = walls.data > 0
     visible_wall = wall & ndimage.binary_dilation(area.explorable, np.ones((3, 3), dtype=bool))
-    cells = walls.cells(start.transform(grid.centers(np.argwhere(grid.data >= 100 * OCCUPIED_THRESH))))
+    cells = walls.cells(start.transform(grid.centers(np.argwhere(grid.occupied))))
     inside = walls.contains(cells)
     mapped = np.zeros_like(wall)
     mapped[tuple(cells[inside].T)] = True

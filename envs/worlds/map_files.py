@@ -14,7 +14,7 @@ from PIL import Image
 from pydantic import BaseModel, Field
 
 from lidarnaut.envs.files import check_file, printable, read_record, write_file
-from lidarnaut.envs.geometry import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
+from lidarnaut.envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 from .raster import MAX_CELLS
 from .world_file import Number, Size
@@ -85,14 +85,12 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "sc
         image_path = image_path.with_suffix(".png")
     if mode not in ("trinary", "scale") or (mode == "scale" and image_path.suffix == ".pgm"):
         raise ValueError(f"maps are saved in mode trinary, or scale as .png, got {mode!r} for {image_path}")
-    data = grid.data[::-1]
     if mode == "trinary":
-        pixels = np.full(data.shape, SAVED_UNKNOWN, dtype=np.uint8)
-        pixels[data >= 0] = 254
-        pixels[data >= OCCUPIED_FROM] = 0
+        pixels = np.full(grid.data.shape, SAVED_UNKNOWN, dtype=np.uint8)
+        pixels[grid.free], pixels[grid.occupied] = 254, 0
     else:
         greys = np.rint(2.55 * (100.0 - np.arange(101))).astype(np.uint8)
-        pixels = np.stack([greys[data.clip(0)], np.where(data < 0, np.uint8(0), np.uint8(255))], axis=2)
+        pixels = np.stack([greys[grid.data.clip(0)], np.where(grid.data < 0, np.uint8(0), np.uint8(255))], axis=2)
     image = io.BytesIO()
     content = {
         "image": image_path.name,
@@ -104,7 +102,7 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "sc
         "mode": mode,
     }
     file_format = "PNG" if image_path.suffix == ".png" else "PPM"  # Pillow's name for PGM
-    Image.fromarray(np.ascontiguousarray(pixels)).save(image, format=file_format)
+    Image.fromarray(np.ascontiguousarray(pixels[::-1])).save(image, format=file_format)
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
     for target, written in ((image_path, image.getvalue()), (yaml_path, text)):
         try:

@@ -36,7 +36,7 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
         ValueError: the map has no free cell, or the spawn is not in a free cell.
     """
     with Progress(total=4, desc=f"world of map {name}", unit="step", delay=_PROGRESS_DELAY, leave=False) as bar:
-        labels, count = ndimage.label(_is_free(grid))
+        labels, count = ndimage.label(grid.free)
         if count == 0:
             raise ValueError(f"map {name!r} has no free cell")
         sizes = np.bincount(labels.ravel())[1:] * grid.resolution**2
@@ -77,11 +77,6 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
     level = logging.INFO if sizes[label - 1] == sizes.max() else logging.WARNING
     logging.getLogger(__name__).log(level, "world of map %s: %s", printable(name), text)
     return checked
-
-
-def _is_free(grid: OccupancyGrid) -> np.ndarray:
-    is_free: np.ndarray = (grid.data >= 0) & (grid.data < OCCUPIED_FROM)
-    return is_free
 
 
 def _value_at(values: np.ndarray, grid: OccupancyGrid, pose: Pose2D) -> int:
@@ -128,7 +123,7 @@ def _largest_room(grid: OccupancyGrid, area: np.ndarray) -> np.ndarray:
 @kept_with_world
 def _areas(world: World) -> np.ndarray:
     assert world.map is not None
-    labels: np.ndarray = ndimage.label(_is_free(world.map))[0]
+    labels: np.ndarray = ndimage.label(world.map.free)[0]
     return labels
 
 

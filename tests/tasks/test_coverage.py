@@ -10,7 +10,8 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.tasks.coverage import Coverage, map_iou
 from lidarnaut.envs.tasks.explore import Explore
-from lidarnaut.envs.worlds import FixedRoute, explorable_area
+from lidarnaut.envs.worlds import FixedRoute, explorable_area, save_map
+from lidarnaut.envs.worlds.map_files import load_map
 from tests.rollouts import rollout
 from tests.rooms import BURGER, ORIGIN, make_room
 
@@ -186,3 +187,12 @@ def test_map_iou_is_one_for_the_true_map_and_falls_with_displacement():
     assert map_iou(area.walls, area, Pose2D(0.4, 0.4, 0.0)) < 0.3
     unknown = OccupancyGrid(np.full((10, 10), -1, dtype=np.int8), 0.05, (0.0, 0.0))
     assert map_iou(unknown, area, ORIGIN) == 0.0
+
+
+def test_map_iou_is_that_of_the_saved_map_whatever_the_occupancy_of_walls(tmp_path):
+    area = explorable_area(ROOM, BURGER, 0.05)
+    for occupied in (50, 57, 64, 65, 99):
+        live = replace(area.walls, data=np.where(area.walls.data > 0, occupied, 49).astype(np.int8))
+        for mode in ("trinary", "scale"):
+            saved = load_map(save_map(live, tmp_path / "map.png", mode))
+            assert map_iou(live, area, ORIGIN) == map_iou(saved, area, ORIGIN) == 1.0
