@@ -206,12 +206,12 @@ def save_g2o(path: Path, nodes: np.ndarray, edges: Iterable[tuple[int, int, np.n
 
     lines = [f"VERTEX_SE2 {k} {join(node)}" for k, node in enumerate(np.reshape(nodes, (-1, 3)))]
     num_nodes = len(lines)
-    lines += ["FIX 0"] * bool(lines)
     for first, second, motion, information in edges:
         if not (0 <= first < num_nodes and 0 <= second < num_nodes):
             raise ValueError(f"edge from {first} to {second} in a graph of {num_nodes} nodes")
         upper = np.asarray(information)[np.triu_indices(3)]
         lines.append(f"EDGE_SE2 {first} {second} {join(motion)} {join(upper)}")
+    lines += ["FIX 0"] * bool(num_nodes)  # last: GTSAM stops reading edges at a line of another kind
     write_file(path, "".join(f"{line}\n" for line in lines))
 
 

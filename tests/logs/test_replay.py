@@ -163,9 +163,24 @@ def test_replay_takes_the_corrected_path_and_the_pose_graph(log, relations, tmp_
     np.testing.assert_allclose(final[[1, 3], 1], corrected)
     np.testing.assert_allclose(online[[1, 3], 1], 5.0)
     lines = (tmp_path / "pose_graph_0.g2o").read_text().splitlines()
-    assert lines[:3] == ["VERTEX_SE2 0 0.0 0.0 0.0", "VERTEX_SE2 1 1.0 0.0 0.5", "FIX 0"]
-    assert lines[3].startswith("EDGE_SE2 ")
-    assert lines[3].endswith(" 1.0 0.0 0.0 2.0 0.0 3.0")
+    assert lines[:2] == ["VERTEX_SE2 0 0.0 0.0 0.0", "VERTEX_SE2 1 1.0 0.0 0.5"]
+    assert lines[2].startswith("EDGE_SE2 ")
+    assert lines[2].endswith(" 1.0 0.0 0.0 2.0 0.0 3.0")
+    assert lines[3:] == ["FIX 0"]  # a reader may end the edges at a line of another kind
+
+
+def test_gtsam_reads_all_poses_and_edges_of_a_pose_graph(tmp_path):
+    gtsam = pytest.importorskip("gtsam")
+    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.1, 0.2], [2.0, 0.5, 0.7]])
+    information = np.array([[500.0, 20.0, 30.0], [20.0, 400.0, -10.0], [30.0, -10.0, 5000.0]])
+    edges = [(k, k + 1, np.array([1.0, 0.1 * k, -3.0]), information) for k in range(2)]
+    save_g2o(tmp_path / "graph.g2o", nodes, edges)
+    graph, values = gtsam.readG2o(str(tmp_path / "graph.g2o"))
+    assert (graph.size(), values.size()) == (2, 3)
+    np.testing.assert_allclose([[p.x(), p.y(), p.theta()] for p in map(values.atPose2, range(3))], nodes)
+    np.testing.assert_allclose(graph.at(1).noiseModel().information(), information)
+    measured = graph.at(1).measured()
+    np.testing.assert_allclose((measured.x(), measured.y(), measured.theta()), (1.0, 0.1, -3.0))
 
 
 def test_pose_graphs_that_make_no_sense_are_not_written(tmp_path):
