@@ -56,7 +56,7 @@ storage_mcap.DECOMPRESSORS.update(lz4=_lz4, zstd=_zstd)
 # Topics that are not needed may have schemas of other kinds (JSON), or binary ones (Protobuf).
 _KINDS, _definition = ("ros2msg", "ros2idl", "omgidl", ""), storage_mcap.get_msgdef
 storage_mcap.get_msgdef = lambda schema: _definition(schema if schema and schema.encoding in _KINDS else None)
-storage_mcap.read_string = lambda file: storage_mcap.read_bytes(file).decode(errors="replace")
+storage_mcap.read_string = lambda bio: storage_mcap.read_bytes(bio).decode(errors="replace")
 
 
 class _Mcap(storage_mcap.McapReader):

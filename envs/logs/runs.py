@@ -25,13 +25,18 @@ from lidarnaut.envs.worlds import save_map
 
 from .log import Log
 from .relations import RelationError, relation_error
-from .trajectory import follow_odometry, odometry_scales, save_trajectory
+from .trajectory import follow_odometry, odometry_scales, save_trajectory, scale_std
 
 END_MARGIN = 0.3
 """Occupied cells within this distance of a beam's end are no conflict [m], for thick walls and grazing beams."""
 MAX_CONFLICTS = 0.2
 """Maximum share of beams through occupied cells in a consistent map. Intel Research Lab: 0.06 to 0.16 if SLAM succeeds,
 else 0.24 to 0.53."""
+MAX_SCALE_ERROR = 0.05
+"""Maximum difference of scale between odometry and a map to be trusted."""
+MAX_SCALE_STD, MIN_PATH = 0.003, 30.0
+"""Maximum standard error of the factor of distances on paths of at least `MIN_PATH` [m]. Simulated house: 0.0003 to
+0.0023 for right maps, 0.0044 to 0.04 for maps that shrink; Intel Research Lab, right maps: 0.0012 to 0.0015."""
 CHUNK = 256
 
 
@@ -66,6 +71,10 @@ class Run:
     """Share of beams that pass through cells occupied in other scans (inconsistent map), from 0 to 1."""
     odometry_scales: tuple[float, float] = (math.nan, math.nan)
     """Factors of distances and turns that fit odometry to the estimated poses best."""
+    scale_std: float = math.nan
+    """Standard error of the factor of distances, from its changes along the path; NaN for a few steps."""
+    path_length: float = math.nan
+    """Length of the path by odometry [m]."""
     loop_closures: int | None = None
     errors: dict[str, RelationError] = field(default_factory=dict)
     """Errors relative to reference poses, by trajectory (`online`, `final`) and set of references, such as `final
@@ -118,8 +127,10 @@ def measure(
             errors[f"{when} {label}"] = relation_error(log.times, trajectory, some)
     times = float(milliseconds.mean()), float(np.percentile(milliseconds, 99)), float(milliseconds.max())
     shares = float(replayed.is_lost.mean()), conflict_share(log, replayed.final)
-    scales = odometry_scales(log.odometry[log.scan_rows], replayed.final)
-    return Run(name, seed, *times, *shares, scales, slam.loop_closures, errors)
+    odometry = log.odometry[log.scan_rows]
+    scales = odometry_scales(odometry, replayed.final), scale_std(odometry, replayed.final)
+    path_length = float(np.hypot(*np.diff(odometry[:, :2], axis=0).T).sum())
+    return Run(name, seed, *times, *shares, *scales, path_length, slam.loop_closures, errors)
 
 
 def conflict_share(log: Log, poses: np.ndarray) -> float:

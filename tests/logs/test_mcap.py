@@ -90,7 +90,9 @@ def test_needed_topics_in_other_encodings_are_named(tmp_path):
     channels, messages = drive()
     as_json = [(topic, "json", kind, "jsonschema", "{}") for topic, _, kind, *_ in channels]
     path = write_mcap(tmp_path / "a.mcap", [as_json[0], channels[1]], messages)
-    said = r"a.mcap: only encodings cdr and ros1 can be read, not /scan \(sensor_msgs/msg/LaserScan as json, 3 messages\)"
+    said = (
+        r"a.mcap: only encodings cdr and ros1 can be read, not /scan \(sensor_msgs/msg/LaserScan as json, 3 messages\)"
+    )
     with pytest.raises(ValueError, match=said):
         load_log(path)
     path = write_mcap(tmp_path / "b.mcap", [channels[0], as_json[1]], messages)
@@ -99,10 +101,10 @@ def test_needed_topics_in_other_encodings_are_named(tmp_path):
     lidar = ("/lidar", "protobuf", "foxglove.LaserScan", "protobuf", b"\xff")
     beside = [*messages, ("/lidar", 102 * SECOND, b"\x00")]
     path = write_mcap(tmp_path / "c.mcap", [*channels, lidar], beside)
-    with pytest.raises(ValueError, match=r"scan_topic /lidar holds no .*LaserScan; there are /lidar .*LaserScan as protobuf"):
+    with pytest.raises(ValueError, match=r"scan_topic /lidar holds no .*Scan; there are /lidar .*Scan as protobuf"):
         load_log(path, scan_topic="/lidar")
     path = write_mcap(tmp_path / "d.mcap", [lidar, ("/x", "cdr", "", "", "")], beside[-1:])
-    with pytest.raises(ValueError, match=r"holds no .*LaserScan; there are /lidar .* as protobuf.*/x \(no schema, 0 mess"):
+    with pytest.raises(ValueError, match=r"holds no .*Scan; there are /lidar .* as protobuf.*/x \(no schema, 0 mess"):
         load_log(path)
 
 
