@@ -54,9 +54,9 @@ _lz4, _zstd = _bounded(LZ4FrameDecompressor), _bounded(rosbag2.reader.zstd.ZstdD
 rosbag1.reader.decompressors.update(bz2=_bounded(bz2.BZ2Decompressor), lz4=_lz4)
 storage_mcap.DECOMPRESSORS.update(lz4=_lz4, zstd=_zstd)
 # Topics that are not needed may have schemas of other kinds (JSON), or binary ones (Protobuf).
-_KINDS, _definition = ("ros2msg", "ros2idl", "omgidl", ""), storage_mcap.get_msgdef
+_KINDS, _definition, _field = ("ros2msg", "ros2idl", "omgidl", ""), storage_mcap.get_msgdef, storage_mcap.read_bytes
 storage_mcap.get_msgdef = lambda schema: _definition(schema if schema and schema.encoding in _KINDS else None)
-storage_mcap.read_string = lambda bio: storage_mcap.read_bytes(bio).decode(errors="replace")
+storage_mcap.read_string = lambda bio: _field(bio).decode(errors="replace")
 
 
 class _Mcap(storage_mcap.McapReader):
