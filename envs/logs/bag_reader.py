@@ -50,13 +50,25 @@ def _bounded(make_decompressor: Callable[[], Any]) -> Callable[..., bytes]:
     return unpack
 
 
+def _tolerant(parse: Callable[[Any], Any], default: Any) -> Any:
+
+    def parse_or_default(content: Any) -> Any:
+        try:
+            return parse(content)
+        except Exception:  # many types
+            return default
+
+    return parse_or_default
+
+
 _lz4, _zstd = _bounded(LZ4FrameDecompressor), _bounded(rosbag2.reader.zstd.ZstdDecompressor)
 rosbag1.reader.decompressors.update(bz2=_bounded(bz2.BZ2Decompressor), lz4=_lz4)
 storage_mcap.DECOMPRESSORS.update(lz4=_lz4, zstd=_zstd)
-# Topics that are not needed may have schemas of other kinds (JSON), or binary ones (Protobuf).
-_KINDS, _definition, _field = ("ros2msg", "ros2idl", "omgidl", ""), storage_mcap.get_msgdef, storage_mcap.read_bytes
-storage_mcap.get_msgdef = lambda schema: _definition(schema if schema and schema.encoding in _KINDS else None)
-storage_mcap.read_string = lambda bio: _field(bio).decode(errors="replace")
+# Topics that are not needed may have schemas of other kinds (JSON), binary ones (Protobuf), or damaged metadata.
+_UNDEFINED, _read_text = MessageDefinition(MessageDefinitionFormat.NONE, ""), storage_mcap.read_bytes
+storage_mcap.get_msgdef = _tolerant(storage_mcap.get_msgdef, _UNDEFINED)
+storage_mcap.get_qos = _tolerant(storage_mcap.get_qos, [])
+storage_mcap.read_string = lambda bio: _read_text(bio).decode(errors="replace")
 
 
 class _Mcap(storage_mcap.McapReader):
@@ -97,9 +109,8 @@ class _Sqlite(storage_sqlite3.Sqlite3Reader):
             "SELECT topics.id, name, type, serialization_format, count(messages.id) FROM topics "
             "LEFT JOIN messages ON topics.id == messages.topic_id GROUP BY topics.id ORDER BY topics.id"
         )
-        none = MessageDefinition(MessageDefinitionFormat.NONE, "")
         self.connections = [
-            Connection(key, topic, kind, none, "", count, ConnectionExtRosbag2(encoding, []), self)
+            Connection(key, topic, kind, _UNDEFINED, "", count, ConnectionExtRosbag2(encoding, []), self)
             for key, topic, kind, encoding, count in rows
         ]
 

@@ -21,17 +21,20 @@ from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Reading
-from lidarnaut.envs.slam import SLAM_NAMES, base_name, load_params, make_slam, read_params
+from lidarnaut.envs.slam import DEFAULT_SLAM, SLAM_NAMES, base_name, load_params, make_slam, read_params
 
 from .log import Log, load_log
 from .relations import load_labelled
-from .runs import MAX_CONFLICTS, MAX_SCALE_ERROR, MAX_SCALE_STD, MIN_PATH, Run, measure, replay, save_replay
+from .runs import MAX_CONFLICTS, Run, measure, replay, save_replay
 
 TRUTH = "truth"
 SPARSE = 0.5
 """The preset `sparse` is suggested from this median distance between scans [m]."""
-NOTABLE_SCALE = 0.01
-"""Differences of scale between odometry and map are reported from this difference on."""
+NOTABLE_SCALE, MAX_SCALE_ERROR = 0.01, 0.05
+"""Differences of scale between odometry and a map that are reported, and with which the map is not to be trusted."""
+MAX_SCALE_STD, MIN_PATH = 0.003, 30.0
+"""Maximum standard error of the factor of distances on paths of at least `MIN_PATH` [m]. Simulated house: 0.0003 to
+0.0023 for right maps, 0.0044 to 0.04 for maps that shrink; Intel Research Lab, right maps: 0.0012 to 0.0015."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Options:
 
     log: Annotated[Path, tyro.conf.Positional]
     """Log: arrays (.npz), CARMEN text (.log, .log.gz, .clf), or ROS bag (.bag, .mcap, folder)."""
-    slam: str = "hector"
+    slam: str = DEFAULT_SLAM
     """SLAM name (`odometry` maps at odometry poses), also with parameters, such as `hector?preset=sparse,num_levels=3`;
     `all`; or `module:attribute` of your own SLAM."""
     preset: str = "default"

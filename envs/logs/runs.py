@@ -32,11 +32,6 @@ END_MARGIN = 0.3
 MAX_CONFLICTS = 0.2
 """Maximum share of beams through occupied cells in a consistent map. Intel Research Lab: 0.06 to 0.16 if SLAM succeeds,
 else 0.24 to 0.53."""
-MAX_SCALE_ERROR = 0.05
-"""Maximum difference of scale between odometry and a map to be trusted."""
-MAX_SCALE_STD, MIN_PATH = 0.003, 30.0
-"""Maximum standard error of the factor of distances on paths of at least `MIN_PATH` [m]. Simulated house: 0.0003 to
-0.0023 for right maps, 0.0044 to 0.04 for maps that shrink; Intel Research Lab, right maps: 0.0012 to 0.0015."""
 CHUNK = 256
 
 

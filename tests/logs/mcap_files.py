@@ -24,7 +24,7 @@ def text(content):
 
 
 def channel_of(store, topic, kind, encoding="cdr", schema="ros2msg", definition=None):
-    """Return (topic, encoding, schema's name, its encoding, its data)."""
+    """Return (topic, encoding, schema's name, its encoding, its data); metadata may follow."""
     if definition is None:
         definition = store.generate_msgdef(kind, ros_version=1 if schema == "ros1msg" else 2)[0]
     name = kind.replace("/msg/", "/") if schema == "ros1msg" else kind
@@ -56,10 +56,12 @@ def write_mcap(
         per_chunk: number of messages in a chunk.
     """
     schemas, described, ids, counts = [], [], {}, {}
-    for k, (topic, encoding, name, schema, data) in enumerate(channels, start=1):
+    for k, (topic, encoding, name, schema, data, *metadata) in enumerate(channels, start=1):
         if name:
             schemas.append(record(3, "H", k, rest=text(name) + text(schema) + text(data)))
-        described.append(record(4, "HH", k, k if name else 0, rest=text(topic) + text(encoding) + text("")))
+        described.append(
+            record(4, "HH", k, k if name else 0, rest=text(topic) + text(encoding) + text(*metadata or [""]))
+        )
         ids[topic, encoding] = k
     by_topic = {topic: k for (topic, _), k in ids.items()}
     file = BytesIO()

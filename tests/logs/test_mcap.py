@@ -10,7 +10,7 @@ from rosbags.typesys import Stores
 
 from lidarnaut.envs.logs import load_log
 from tests.logs.bags import Messages, write_bag
-from tests.logs.mcap_files import MAGIC, channel_of, drive, record, write_mcap
+from tests.logs.mcap_files import MAGIC, channel_of, drive, record, text, write_mcap
 
 SECOND = 10**9
 
@@ -34,6 +34,8 @@ def check(log, times=(101, 102, 103)):
         ("/custom", "cdr", "", "", ""),
         ("/custom", "cdr", "own_msgs/msg/Custom", "ros2idl", "module { broken"),
         ("/scan", "json", "sensor_msgs/msg/LaserScan", "jsonschema", "{}"),
+        ("/custom", "cdr", "a/msg/B", "ros2msg", "", text("offered_qos_profiles") + text("- {history: [")),
+        ("/custom", "cdr", "a/msg/B", "ros2msg", "", b"\xff\xff\xff\xff"),
     ],
 )
 @pytest.mark.parametrize("compression", [None, "zstd"])
