@@ -31,7 +31,7 @@ TRUTH = "truth"
 SPARSE = 0.5
 """The preset `sparse` is suggested from this median distance between scans [m]."""
 NOTABLE_SCALE, MAX_SCALE_ERROR = 0.01, 0.05
-"""Differences of scale between odometry and a map that are reported, and with which the map is not to be trusted."""
+"""Differences of scale between odometry and map are reported from the first, and distrusted from the second."""
 MAX_SCALE_STD, MIN_PATH = 0.003, 30.0
 """Maximum standard error of the factor of distances on paths of at least `MIN_PATH` [m]. Simulated house: 0.0003 to
 0.0023 for right maps, 0.0044 to 0.04 for maps that shrink; Intel Research Lab, right maps: 0.0012 to 0.0015."""
