@@ -6,7 +6,7 @@ import numpy as np
 
 from lidarnaut.envs.files import MAX_BYTES
 
-from .bag_reader import ODOMETRY, SCAN, TRANSFORMS, BagReader, open_bag
+from .bag_reader import NEEDED, ODOMETRY, SCAN, TRANSFORMS, BagReader, open_bag
 from .scans import LogContent, Scan, in_base_frame
 from .trajectory import compose_poses, describe_jump_back
 from .transforms import MIN_LEVEL, MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
@@ -46,8 +46,8 @@ def read_bag(
         if odom_topic or bag.topics([ODOMETRY]) or not bag.topics(TRANSFORMS):
             odom_topic = bag.choose([ODOMETRY, *TRANSFORMS] if odom_topic else [ODOMETRY], odom_topic, "odom_topic")
         tree = odometry = FrameTree()
-        if others := bag.topics([SCAN, ODOMETRY, *TRANSFORMS], is_readable=False):
-            notes.append(f"topics in other encodings are left out: {bag.describe(others)}")
+        if foreign := bag.foreign(NEEDED):
+            notes.append(f"topics in other encodings are left out: {foreign}")
         is_tf = odom_topic not in bag.topics([ODOMETRY])
         near = odom_topic if is_tf and odom_topic else scan_topic
         tree.read(bag, _transform_topics(bag, near, static=True), static=True)

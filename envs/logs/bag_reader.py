@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby
 from operator import attrgetter, itemgetter
 from pathlib import Path, PurePath
@@ -30,9 +30,9 @@ from .messages import typestore
 SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+NEEDED = (SCAN, ODOMETRY, *TRANSFORMS)
 MAX_TEXT = 1000
 """Maximum length of an error message [characters]."""
-
 MAX_CHUNK = 2**29
 """Maximum decompressed size of a chunk or message [bytes]."""
 MCAP_MAGIC, FOOTER_SIZE = b"\x89MCAP0\r\n", 37
@@ -142,44 +142,34 @@ class BagReader:
         self.path = path
         self._is_packed = is_packed
         found: list[Connection] = [each for file in files for each in file.connections]
-        self._connections = [
-            each._replace(msgtype=normalize_msgtype(each.msgtype)) if "/" in each.msgtype else each for each in found
-        ]
+        self._connections = [c._replace(msgtype=normalize_msgtype(c.msgtype)) if "/" in c.msgtype else c for c in found]
 
-    def topics(self, kinds: Sequence[str], is_readable: bool = True) -> list[str]:
-        """Return the topics of message types `kinds` in an encoding that is supported, or is not."""
-        found = [each for each in self._connections if each.msgtype in kinds and each.msgcount]
-        return sorted({each.topic for each in found if (_encoding(each) in _DECODERS) is is_readable})
+    def topics(self, kinds: Sequence[str]) -> list[str]:
+        """Return the topics with messages of the types `kinds`."""
+        return sorted({each.topic for each in self._find(kinds)})
+
+    def foreign(self, kinds: Sequence[str], topics: Sequence[str] = ()) -> str:
+        """Return a list of topics (default: all) of the types `kinds` whose encoding is not supported."""
+        return _listing(c for c in self._find(kinds, is_foreign=True) if not topics or c.topic in topics)
 
     def choose(self, kinds: Sequence[str], wanted: str | None, option: str) -> str:
         """Return the name of the `wanted` topic; if None, of the only topic with a message type in `kinds`."""
-        found, others = (
-            [name for name in self.topics(kinds, is_readable) if wanted is None or name in (wanted, f"/{wanted}")]
-            for is_readable in (True, False)
-        )
-        if not found and others:
-            raise self.error(f"only encodings {' and '.join(_DECODERS)} can be read, not {self.describe(others)}")
-        if not found:
+        found, names = self.topics(kinds), () if wanted is None else (wanted, f"/{wanted}")
+        allowed = [topic for topic in found if not names or topic in names]
+        if not allowed and (foreign := self.foreign(kinds, names)):
+            raise self.error(f"only encodings {' and '.join(_DECODERS)} can be read, not {foreign}")
+        if not allowed:
             what = "" if wanted is None else f"{option} {wanted} "
-            raise self.error(f"{what}holds no {' or '.join(kinds)}; there are {self.describe() or 'no topics'}")
-        if len(found) > 1 and wanted is None:
+            listing = _listing(self._connections) or "no topics"
+            raise self.error(f"{what}holds no {' or '.join(kinds)}; there are {listing}")
+        if wanted is None and len(found) > 1:
             choice = f"choose one by {option} (--{option.replace('_', '-')})"
             raise self.error(f"{len(found)} topics hold {kinds[0]}: {', '.join(found)}; {choice}")
-        return found[0]
-
-    def describe(self, topics: Sequence[str] = ()) -> str:
-        """Return a list of topics (default: all) with types, encodings and numbers of messages."""
-        counts: Counter[tuple[str, str]] = Counter()
-        for each in self._connections:
-            kind, encoding = each.msgtype.replace("__schemaless__", "no schema"), _encoding(each)
-            counts[each.topic, kind if encoding in _DECODERS else f"{kind} as {encoding}"] += each.msgcount
-        shown = [(*key, count) for key, count in sorted(counts.items()) if not topics or key[0] in topics]
-        return ", ".join(f"{topic} ({kind}, {count} messages)" for topic, kind, count in shown)
+        return allowed[0]
 
     def messages(self, topic: str) -> Iterator[Any]:
         """Yield the scans, odometry or transforms of a topic by time of recording; BagError if messages are missing."""
-        needed = [each for each in self._connections if each.topic == topic and _encoding(each) in _DECODERS]
-        needed = [each for each in needed if each.msgtype in (SCAN, ODOMETRY, *TRANSFORMS)]
+        needed = [each for each in self._find(NEEDED) if each.topic == topic]
         count, files = 0, groupby(needed, attrgetter("owner"))
         streams = [file.messages(list(connections)) for file, connections in files]
         for connection, _, raw in heapq.merge(*streams, key=itemgetter(1)):  # files of a bag may overlap
@@ -195,9 +185,21 @@ class BagReader:
     def error(self, text: str) -> BagError:
         return BagError(f"{self.path}: {text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + '...'}")
 
+    def _find(self, kinds: Sequence[str], *, is_foreign: bool = False) -> list[Connection]:
+        found = [each for each in self._connections if each.msgtype in kinds and each.msgcount]
+        return [each for each in found if (_encoding(each) in _DECODERS) is not is_foreign]
+
 
 def _encoding(connection: Connection) -> str:
     return getattr(connection.ext, "serialization_format", "ros1")
+
+
+def _listing(connections: Iterable[Connection]) -> str:
+    counts: Counter[tuple[str, str]] = Counter()
+    for each in connections:
+        kind, encoding = each.msgtype.replace("__schemaless__", "no schema"), _encoding(each)
+        counts[each.topic, kind if encoding in _DECODERS else f"{kind} as {encoding}"] += each.msgcount
+    return ", ".join(f"{topic} ({kind}, {count} messages)" for (topic, kind), count in sorted(counts.items()))
 
 
 @contextlib.contextmanager
@@ -215,11 +217,7 @@ def open_bag(path: Path) -> Iterator[BagReader]:
             check_file(file, math.inf)
     try:
         with contextlib.ExitStack() as stack:
-            is_packed = False
-            if metadata is None:
-                files: list[Any] = [rosbag1.Reader(path) if path.suffix == ".bag" else _Mcap(path)]
-            else:
-                files, is_packed = _files_of_folder(path, metadata["rosbag2_bagfile_information"], stack)
+            files, is_packed = _files_of(path, metadata, stack)
             for file in files:
                 file.open()
                 stack.callback(file.close)
@@ -231,7 +229,10 @@ def open_bag(path: Path) -> Iterator[BagReader]:
         raise BagError(f"{path}: {'' if 'upported' in said else 'damaged or not a bag: '}{said}") from error
 
 
-def _files_of_folder(path: Path, about: Any, stack: contextlib.ExitStack) -> tuple[list[Any], bool]:
+def _files_of(path: Path, metadata: Any, stack: contextlib.ExitStack) -> tuple[list[Any], bool]:
+    if metadata is None:
+        return [rosbag1.Reader(path) if path.suffix == ".bag" else _Mcap(path)], False
+    about = metadata["rosbag2_bagfile_information"]
     storage, packing = about["storage_identifier"], (about.get("compression_mode") or "none").lower()
     if storage not in (readers := {"mcap": _Mcap, "sqlite3": _Sqlite}):
         raise ValueError(f"storage {storage} is not supported, but {' and '.join(readers)} are")

@@ -9,7 +9,7 @@ import yaml
 from rosbags.typesys import Stores
 
 from lidarnaut.envs.logs import load_log
-from tests.logs.bags import Messages, write_bag
+from tests.logs.bags import SCAN, TF, Messages, write_bag
 from tests.logs.mcap_files import MAGIC, PACK, channel_of, drive, record, text, write_mcap
 
 SECOND = 10**9
@@ -112,9 +112,12 @@ def test_needed_topics_in_other_encodings_are_named(tmp_path):
 
 def test_transforms_in_other_encodings_are_counted_in_the_notes(tmp_path):
     channels, messages = drive()
-    channels.append(("/tf_static", "json", "tf2_msgs/TFMessage", "jsonschema", "{}"))
-    log = load_log(write_mcap(tmp_path / "a.mcap", channels, [*messages, ("/tf_static", SECOND, b"{}")]))
-    assert "/tf_static (tf2_msgs/msg/TFMessage as json, 1 messages)" in log.notes[0]
+    others = [(topic, "json", kind, "", "") for topic, kind in (("/scan", "sensor_msgs/LaserScan"), ("/tf_static", TF))]
+    messages = [((topic, "cdr"), *rest) for topic, *rest in messages]
+    messages += [((topic, "json"), SECOND, b"{}") for topic in ("/scan", "/tf_static", "/tf_static")]
+    log = load_log(write_mcap(tmp_path / "a.mcap", [*channels, *others], messages))
+    listing = f"/scan ({SCAN} as json, 1 messages), /tf_static ({TF} as json, 2 messages)"
+    assert log.notes[0] == f"topics in other encodings are left out: {listing}"
 
 
 def test_messages_say_what_is_wrong_with_a_file(tmp_path):
