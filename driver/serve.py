@@ -91,17 +91,17 @@ class Server:
     def step(self) -> None:
         """Publish the state of the robot, and simulate one period."""
         robot, publish, o = self.robot, self._bridge.publish, self._options
-        now, lidar = robot.time, robot.robot.lidar
+        now, lidar = messages.RESET_STAMP + robot.time, robot.robot.lidar
         publish("/clock", messages.clock(now))
         publish(o.odom_topic, messages.odometry(now, robot.odometry, robot.twist))
         publish(o.imu_topic, messages.imu(now, robot.reading.yaw_rate))
         publish("/tf", messages.transforms(now, (messages.ODOM, messages.BASE, robot.odometry)))
-        if now >= self._next_scan - 1e-9:
+        if robot.time >= self._next_scan - 1e-9:
             self._next_scan += 1.0 / o.scan_rate
             # rosbridge refuses infinite numbers and NaN; numbers outside of the limits mean the same.
             ranges = np.nan_to_num(robot.reading.ranges, nan=0.0, posinf=lidar.range_max + 1.0)
             publish(o.scan_topic, messages.laser_scan(now, ranges, lidar, 1.0 / o.scan_rate))
-        is_fresh = now - self._commanded <= o.timeout
+        is_fresh = robot.time - self._commanded <= o.timeout
         robot.step(self._command if is_fresh else Twist(0.0, 0.0))
 
     def run(self, is_over: threading.Event) -> None:

@@ -6,14 +6,11 @@ import numpy as np
 
 from lidarnaut.envs.files import MAX_BYTES
 
-from .bag_reader import BagReader, open_bag
+from .bag_reader import NEEDED, ODOMETRY, SCAN, TRANSFORMS, BagReader, open_bag
 from .scans import LogContent, Scan, in_base_frame
 from .trajectory import compose_poses, describe_jump_back
 from .transforms import MIN_LEVEL, MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
 
-SCAN = "sensor_msgs/msg/LaserScan"
-ODOMETRY = "nav_msgs/msg/Odometry"
-TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOM_FRAME = "odom"
 BASE_FRAMES = ("base_footprint", "base_link")
 """Names tried as base frame if odometry messages have no child frame."""
@@ -49,7 +46,9 @@ def read_bag(
         if odom_topic or bag.topics([ODOMETRY]) or not bag.topics(TRANSFORMS):
             odom_topic = bag.choose([ODOMETRY, *TRANSFORMS] if odom_topic else [ODOMETRY], odom_topic, "odom_topic")
         tree = odometry = FrameTree()
-        is_tf = odom_topic is None or bag.types[odom_topic] != ODOMETRY
+        if foreign := bag.foreign(NEEDED):
+            notes.append(f"topics in other encodings are left out: {foreign}")
+        is_tf = odom_topic not in bag.topics([ODOMETRY])
         near = odom_topic if is_tf and odom_topic else scan_topic
         tree.read(bag, _transform_topics(bag, near, static=True), static=True)
         moving = [near] if near == odom_topic else _transform_topics(bag, near, static=False)

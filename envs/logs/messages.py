@@ -1,4 +1,4 @@
-"""ROS 2 messages of sensor data, estimates and commands (REP 105, REP 117). Times are since the reset [s]."""
+"""ROS 2 messages of sensor data, estimates and commands (REP 105, REP 117), with stamps of a ROS clock [s]."""
 
 import functools
 import math
@@ -13,6 +13,8 @@ from lidarnaut.envs.simulation import Twist
 
 MAP, ODOM, BASE, BASE_LINK, LASER = "map", "odom", "base_footprint", "base_link", "laser"
 """Names of ROS frames. `base_link` coincides with `base_footprint`."""
+RESET_STAMP = 1.0
+"""ROS time of the reset in bags and of simulated robots [s]: for `tf2`, the stamp 0 means the latest transform."""
 
 
 @functools.cache
@@ -22,7 +24,7 @@ def typestore() -> Any:
 
 
 def clock(time: float) -> Any:
-    """Return a `rosgraph_msgs/Clock` message with the time since the reset [s]."""
+    """Return a `rosgraph_msgs/Clock` message."""
     return _make("rosgraph_msgs/msg/Clock", _stamp(time))
 
 
@@ -60,7 +62,7 @@ def transforms(time: float, *edges: tuple[str, str, Pose2D]) -> Any:
 
 def static_transforms(mount: Mount) -> Any:
     """Return a `tf2_msgs/TFMessage` with the static transforms from base to base link and lidar."""
-    edges = [_transform(0.0, BASE, BASE_LINK, Mount()), _transform(0.0, BASE_LINK, LASER, mount)]
+    edges = [_transform(RESET_STAMP, BASE, BASE_LINK, Mount()), _transform(RESET_STAMP, BASE_LINK, LASER, mount)]
     return _make("tf2_msgs/msg/TFMessage", edges)
 
 

@@ -21,7 +21,7 @@ from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Reading
-from lidarnaut.envs.slam import SLAM_NAMES, base_name, load_params, make_slam, read_params
+from lidarnaut.envs.slam import DEFAULT_SLAM, SLAM_NAMES, base_name, load_params, make_slam, read_params
 
 from .log import Log, load_log
 from .relations import load_labelled
@@ -30,6 +30,11 @@ from .runs import MAX_CONFLICTS, Run, measure, replay, save_replay
 TRUTH = "truth"
 SPARSE = 0.5
 """The preset `sparse` is suggested from this median distance between scans [m]."""
+NOTABLE_SCALE, MAX_SCALE_ERROR = 0.01, 0.05
+"""Differences of scale between odometry and map are reported from the first, and distrusted from the second."""
+MAX_SCALE_STD, MIN_PATH = 0.003, 30.0
+"""Maximum standard error of the factor of distances on paths of at least `MIN_PATH` [m]. Simulated house: 0.0003 to
+0.0023 for right maps, 0.0044 to 0.04 for maps that shrink; Intel Research Lab, right maps: 0.0012 to 0.0015."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +43,12 @@ class Options:
 
     log: Annotated[Path, tyro.conf.Positional]
     """Log: arrays (.npz), CARMEN text (.log, .log.gz, .clf), or ROS bag (.bag, .mcap, folder)."""
-    slam: str = "tinyslam"
+    slam: str = DEFAULT_SLAM
     """SLAM name (`odometry` maps at odometry poses), also with parameters, such as `hector?preset=sparse,num_levels=3`;
     `all`; or `module:attribute` of your own SLAM."""
-    preset: str = "intel"
-    """Parameter preset of the SLAM, or YAML file; `sparse` for scans about one metre apart."""
+    preset: str = "default"
+    """Parameter preset of the SLAM, or YAML file; `sparse` for scans about one metre apart, `intel` for the Intel
+    Research Lab log."""
     change: dict[str, str] = field(default_factory=dict)
     """SLAM parameters to change, as `KEY VALUE` pairs."""
     relations: Path | None = None
@@ -150,6 +156,8 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
         tqdm.write(_line(run))
         if complaint := _complaint(run):
             tqdm.write(f"warning: {complaint}")
+        elif abs(run.odometry_scales[0] - 1.0) > 2.0 * run.scale_std + NOTABLE_SCALE:
+            tqdm.write(f"scale of {run.slam}: {_scale(run)}; compare the map with a measured length")
         if out is not None:
             save_replay(out, log, slam, seed, replayed)
     median = f"median of {len(runs)}: {np.median([run.milliseconds for run in runs]):.3f} ms per scan"
@@ -177,6 +185,7 @@ def _line(run: Run) -> str:
     line += "".join(f"; {label} {error}" for label, error in run.errors.items())
     line += "" if run.loop_closures is None else f"; {run.loop_closures} loop closures"
     line += "; odometry fits best with distances x {:.3f} and turns x {:.3f}".format(*run.odometry_scales)
+    line += "" if math.isnan(run.scale_std) else f" (95 %: distances +- {2.0 * run.scale_std:.3f})"
     return f"{line}; lost at {100 * run.lost_share:.1f} % of scans, {100 * run.conflict_share:.1f} % of beams conflict"
 
 
@@ -189,7 +198,15 @@ def _complaint(run: Run) -> str | None:
     elif run.conflict_share > MAX_CONFLICTS:
         limit = f"consistent maps: at most {100 * MAX_CONFLICTS:.0f} %"
         causes.append(f"{100 * run.conflict_share:.1f} % of the beams pass through walls of its map ({limit})")
+    if run.path_length >= MIN_PATH and run.scale_std > MAX_SCALE_STD:
+        causes.append(f"its scale varies along the path: {_scale(run)}")
+    elif abs(run.odometry_scales[0] - 1.0) > MAX_SCALE_ERROR > 2.0 * run.scale_std:
+        causes.append(f"its scale or odometry's is wrong: {_scale(run)}")
     return f"do not trust {run.slam}, seed {run.seed}: {'; '.join(causes)}" if causes else None
+
+
+def _scale(run: Run) -> str:
+    return f"distances are {run.odometry_scales[0]:.3f} +- {2.0 * run.scale_std:.3f} times those of odometry"
 
 
 def _median_errors(runs: list[Run]) -> dict[str, np.ndarray]:

@@ -25,7 +25,7 @@ from lidarnaut.envs.worlds import save_map
 
 from .log import Log
 from .relations import RelationError, relation_error
-from .trajectory import follow_odometry, odometry_scales, save_trajectory
+from .trajectory import follow_odometry, odometry_scales, save_trajectory, scale_std
 
 END_MARGIN = 0.3
 """Occupied cells within this distance of a beam's end are no conflict [m], for thick walls and grazing beams."""
@@ -66,6 +66,10 @@ class Run:
     """Share of beams that pass through cells occupied in other scans (inconsistent map), from 0 to 1."""
     odometry_scales: tuple[float, float] = (math.nan, math.nan)
     """Factors of distances and turns that fit odometry to the estimated poses best."""
+    scale_std: float = math.nan
+    """Standard error of the factor of distances, from its changes along the path; NaN for a few steps."""
+    path_length: float = math.nan
+    """Length of the path by odometry [m]."""
     loop_closures: int | None = None
     errors: dict[str, RelationError] = field(default_factory=dict)
     """Errors relative to reference poses, by trajectory (`online`, `final`) and set of references, such as `final
@@ -118,8 +122,10 @@ def measure(
             errors[f"{when} {label}"] = relation_error(log.times, trajectory, some)
     times = float(milliseconds.mean()), float(np.percentile(milliseconds, 99)), float(milliseconds.max())
     shares = float(replayed.is_lost.mean()), conflict_share(log, replayed.final)
-    scales = odometry_scales(log.odometry[log.scan_rows], replayed.final)
-    return Run(name, seed, *times, *shares, scales, slam.loop_closures, errors)
+    odometry = log.odometry[log.scan_rows]
+    scales = odometry_scales(odometry, replayed.final), scale_std(odometry, replayed.final)
+    path_length = float(np.hypot(*np.diff(odometry[:, :2], axis=0).T).sum())
+    return Run(name, seed, *times, *shares, *scales, path_length, slam.loop_closures, errors)
 
 
 def conflict_share(log: Log, poses: np.ndarray) -> float:
@@ -206,12 +212,12 @@ def save_g2o(path: Path, nodes: np.ndarray, edges: Iterable[tuple[int, int, np.n
 
     lines = [f"VERTEX_SE2 {k} {join(node)}" for k, node in enumerate(np.reshape(nodes, (-1, 3)))]
     num_nodes = len(lines)
-    lines += ["FIX 0"] * bool(lines)
     for first, second, motion, information in edges:
         if not (0 <= first < num_nodes and 0 <= second < num_nodes):
             raise ValueError(f"edge from {first} to {second} in a graph of {num_nodes} nodes")
         upper = np.asarray(information)[np.triu_indices(3)]
         lines.append(f"EDGE_SE2 {first} {second} {join(motion)} {join(upper)}")
+    lines += ["FIX 0"] * bool(num_nodes)  # last: GTSAM stops reading edges at a line of another kind
     write_file(path, "".join(f"{line}\n" for line in lines))
 
 

@@ -1,5 +1,6 @@
 """Trajectories: arrays of poses x, y, heading, shape (n, 3) [m, m, rad]."""
 
+import logging
 import math
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,9 @@ MAX_GLITCH = 2.0
 """Maximum duration of an odometry glitch that is interpolated [s]."""
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
 """Odometry does not cover gaps that last longer than this time [s] while the robot moves farther than this [m, rad]."""
+
+NUM_PARTS = 20
+"""Number of parts of a path whose scales are compared."""
 
 
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
@@ -46,6 +50,22 @@ def odometry_scales(odometry: np.ndarray, poses: np.ndarray) -> tuple[float, flo
         return float(length @ true_length / (length @ length)), float(turn @ true_turn / (turn @ turn))
 
 
+def scale_std(odometry: np.ndarray, poses: np.ndarray) -> float:
+    """Return the standard error of the factor of distances of `odometry_scales`.
+
+    It follows from the residuals, summed over `NUM_PARTS` parts of the path of equal length, as errors are correlated
+    (Liang and Zeger, "Longitudinal data analysis", 1986). NaN if the robot moves in fewer steps than parts.
+    """
+    length, true_length = (between_poses(each[:-1], each[1:])[:, 0] for each in (odometry, poses))
+    path = np.cumsum(np.abs(length))
+    if np.count_nonzero(length) < NUM_PARTS:
+        return math.nan
+    parts = np.minimum(path / path[-1] * NUM_PARTS, NUM_PARTS - 1).astype(np.int64)
+    scale = length @ true_length / (length @ length)
+    residuals = np.bincount(parts, length * (true_length - scale * length))
+    return float(np.sqrt(residuals @ residuals) / (length @ length))
+
+
 def find_gaps(times: np.ndarray, poses: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Find the times `at`, shape (m,), without odometry; return two masks, shape (m,), bool.
 
@@ -66,12 +86,26 @@ def interpolate_poses(times: np.ndarray, poses: np.ndarray, at: np.ndarray) -> n
     return np.stack([x, y, wrap_angle(theta)], axis=1)
 
 
-def save_trajectory(path: str | Path, times: np.ndarray, poses: np.ndarray) -> None:
-    """Write times [s] and poses in TUM format: time, position, quaternion."""
+def save_trajectory(path: str | Path, times: np.ndarray, poses: np.ndarray) -> int:
+    """Write times [s] and poses in TUM format: time, position, quaternion; return the number of left-out poses.
+
+    Written times ascend strictly, as evo requires. Poses that are not finite, or whose written time repeats or runs
+    back, are left out with a warning.
+    """
     zero = np.zeros(len(times))
     x, y, theta = poses.T
     rows = np.stack([times, x, y, zero, zero, zero, np.sin(theta / 2), np.cos(theta / 2)], axis=1)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    written = np.char.mod("%.6f", rows[:, 0]).astype(np.float64)
+    later = written > np.concatenate([[-np.inf], np.maximum.accumulate(written)[:-1]])
+    earlier = written < np.concatenate([np.minimum.accumulate(written[::-1])[::-1][1:], [np.inf]])
+    # One time far ahead ends the first series; one time far back, the second.
+    rows = rows[max(later, earlier, key=np.sum)] if len(rows) else rows
+    if left_out := len(times) - len(rows):
+        why = "their times repeat or run back, or they are not finite"
+        logging.getLogger(__name__).warning("%s: %d of %d poses are left out: %s", path, left_out, len(times), why)
     np.savetxt(path, rows, fmt="%.6f", header="time x y z qx qy qz qw")
+    return left_out
 
 
 def compose_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:

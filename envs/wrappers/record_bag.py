@@ -27,8 +27,8 @@ class BagRecorder:
 
     As a context manager, removes the bag after an exception. Per control period: `/clock`, `/scan`, `/odom`, `/tf`,
     `/cmd_vel`, `/plan`, `/sensors/NAME` (user-defined), `/tracks` (people) and `/ground_truth/people`. Per second:
-    `/map`. Once: `/tf_static`. Times are since the reset. `/odom` is odometry, also with `slam="truth"`. Frames: `map`,
-    `odom`, `base_footprint`, `base_link`, `laser`.
+    `/map`. Once: `/tf_static`. The clock is `messages.RESET_STAMP` at the reset. `/odom` is odometry, also with
+    `slam="truth"`. Frames: `map`, `odom`, `base_footprint`, `base_link`, `laser`.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
@@ -80,17 +80,18 @@ class BagRecorder:
 
     def _record(self, commands: Sequence[Twist] | None) -> None:
         reading, write = self._robot.reading, self._writer.write
+        time = messages.RESET_STAMP + reading.time
         if commands is None:
             if self._is_started:
                 raise RuntimeError("a bag holds one episode: close the recorder before the next reset")
             self._is_started = True
-            write("/tf_static", reading.time, messages.static_transforms(self._robot.params.lidar.mount))
+            write("/tf_static", time, messages.static_transforms(self._robot.params.lidar.mount))
         else:
             plan = self._env.plan
             write("/cmd_vel", self._time, messages.command(self._time, commands[0]))
             write("/plan", self._time, messages.path(self._time, _NO_PATH if plan is None else plan))
         twist = Twist(reading.motion.x / self._env.control_period, reading.motion.theta / self._env.control_period)
-        self._time = time = reading.time
+        self._time = time
         map_odom = self._robot.belief.pose.compose(reading.odometry.inverse())
         scan = messages.laser_scan(time, reading.ranges, self._robot.params.lidar, self._env.control_period)
         write("/clock", time, messages.clock(time))

@@ -14,6 +14,7 @@ from scipy import ndimage
 from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs import load_log, messages
+from lidarnaut.envs.logs.transforms import seconds
 from lidarnaut.envs.worlds import load_map
 
 pytest.importorskip("websockets")
@@ -56,6 +57,22 @@ def running(broker, drive_options=(), **serve_options):
         held.callback(is_over.set)
         wait_for(lambda: session.driver is not None and session.driver.has_begun, 120.0)  # compiles kernels
         yield server, session
+
+
+def test_the_clock_of_a_simulated_robot_begins_after_zero():
+    sent = []
+    bridge = SimpleNamespace(
+        advertise=lambda *_, **__: None, subscribe=lambda *_: None, publish=lambda *each: sent.append(each)
+    )
+    server = serve.Server(serve.Options(**SERVED), bridge)
+    for _ in range(11):
+        server.step()
+    headers = [one.header for _, m in sent for one in (getattr(m, "transforms", [m])) if hasattr(one, "header")]
+    stamps = [seconds(message.clock) for topic, message in sent if topic == "/clock"]
+    np.testing.assert_allclose(stamps, messages.RESET_STAMP + np.arange(11) / 50.0)
+    assert {round(seconds(header.stamp), 6) for header in headers} == {round(stamp, 6) for stamp in stamps}
+    scans = [seconds(message.header.stamp) for topic, message in sent if topic == "/scan"]
+    np.testing.assert_allclose(scans, messages.RESET_STAMP + np.array([0.0, 0.1, 0.2]))
 
 
 def error_of(server, session):

@@ -11,6 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs import load_log
+from lidarnaut.envs.logs.messages import RESET_STAMP
 from lidarnaut.envs.logs.replay import Options, main
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.wrappers import BagRecorder, RecordBag
@@ -75,7 +76,7 @@ def test_a_bag_gives_the_readings_back(drive_recorded, slam):
     env, readings, bag = drive_recorded(slam=slam)
     log, lidar = load_log(bag), env.robot.lidar
     np.testing.assert_array_equal(log.ranges, [reading.ranges for reading in readings])
-    np.testing.assert_allclose(log.times, [reading.time for reading in readings], atol=1e-9)
+    np.testing.assert_allclose(log.times, [RESET_STAMP + reading.time for reading in readings], atol=1e-9)
     np.testing.assert_array_equal(log.scan_rows, np.arange(len(readings)))
     np.testing.assert_allclose(log.odometry, [reading.odometry for reading in readings], atol=1e-9)
     np.testing.assert_allclose(log.lidar.directions, lidar.directions, atol=1e-5)
@@ -97,7 +98,8 @@ def test_frames_maps_plans_and_commands(drive_recorded):
     counts = {topic: len(found) for topic, found in messages.items()}
     each = dict.fromkeys(("/clock", "/scan", "/odom", "/tf"), steps + 1)
     assert counts == each | {"/tf_static": 1, "/map": 4, "/plan": steps, "/cmd_vel": steps}
-    assert [time for time, _ in messages["/map"]] == [0, 10**9, 2 * 10**9, 25 * 10**8]
+    start = round(RESET_STAMP * 10**9)
+    assert [time - start for time, _ in messages["/map"]] == [0, 10**9, 2 * 10**9, 25 * 10**8]
     for (time, _), (_, clock) in zip(messages["/scan"], messages["/clock"]):
         assert clock.clock.sec * 10**9 + clock.clock.nanosec == time
 
@@ -120,10 +122,36 @@ def test_frames_maps_plans_and_commands(drive_recorded):
     assert (grid.info.origin.position.x, grid.info.origin.position.y) == known.origin
     assert grid.info.resolution == pytest.approx(known.resolution)
     time, command = messages["/cmd_vel"][0]
-    assert time == 0
+    assert time == start
     assert (command.twist.linear.x, command.twist.angular.z) == pytest.approx((0.8 * robot.max_v, 0.3 * robot.max_w))
     plan = messages["/plan"][2][1]
     assert [(p.pose.position.x, p.pose.position.y) for p in plan.poses] == [(0.0, 0.0), (1.0, 3.0)]
+
+
+def stamps(value):
+    """Yield all time stamps of a message in seconds."""
+    if hasattr(value, "nanosec"):
+        yield value.sec + 1e-9 * value.nanosec
+        return
+    parts = value if isinstance(value, list) else vars(value).values() if hasattr(value, "__msgtype__") else ()
+    for part in parts:
+        yield from stamps(part)
+
+
+def test_no_stamp_of_a_bag_is_zero_which_tf2_takes_for_the_latest(tmp_path):
+    env = make(world="turtlebot3_stage_4")
+    with BagRecorder(env, tmp_path / "people.mcap"):
+        env.reset(seed=0)
+        env.step(np.zeros(2, dtype=np.float32))
+    messages = read(tmp_path / "people.mcap")
+    lifetime = 0.5
+    for topic, found in messages.items():
+        for time, message in found:
+            assert time >= RESET_STAMP * 10**9
+            own = [stamp for stamp in stamps(message) if stamp != lifetime]
+            assert min(own, default=RESET_STAMP) >= RESET_STAMP, topic
+    [first, *_] = messages["/scan"]
+    assert first[0] == RESET_STAMP * 10**9
 
 
 def test_messages_are_those_of_ros_2_and_maps_and_static_transforms_are_latched(drive_recorded):
