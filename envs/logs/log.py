@@ -15,7 +15,18 @@ from lidarnaut.envs.robots import LidarParams, Mount
 
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
-from .scans import Limits, LogContent, Scan, common_beams, usable_scans
+from .scans import (
+    MAX_SWEEP,
+    Limits,
+    LogContent,
+    Scan,
+    advise_on_zeros,
+    check_no_return,
+    common_beams,
+    deskewed,
+    has_wrong_times,
+    usable_scans,
+)
 from .trajectory import (
     MAX_SPEEDS,
     bridge_glitches,
@@ -106,6 +117,7 @@ def load_log(
     odom_frame: str | None = None,
     laser_frame: str | None = None,
     max_speeds: tuple[float, float] = MAX_SPEEDS,
+    no_return: str = "inf",
 ) -> Log:
     """Read a log: arrays (.npz), CARMEN text (.log, .clf, also gzipped), or a ROS 1 or ROS 2 bag.
 
@@ -124,6 +136,7 @@ def load_log(
         odom_frame: odometry frame of a bag; default: frame of the messages, or `odom`.
         laser_frame: lidar frame of a bag, if ambiguous or named differently in transforms.
         max_speeds: the robot's maximum forward speed [m/s] and yaw rate [rad/s].
+        no_return: meaning of ranges of 0.0, see `LidarParams.no_return`.
 
     Raises:
         FileNotFoundError: no such file.
@@ -156,7 +169,7 @@ def load_log(
         known = ".npz, .log, .log.gz, .clf, .clf.gz, .bag, .mcap and folders with metadata.yaml"
         raise ValueError(f"{path}: unknown type of log; known types are {known}")
     try:
-        log = _make_log(recording, Limits(min_range, max_range), max_speeds)
+        log = _make_log(recording, Limits(min_range, max_range), max_speeds, check_no_return(no_return))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     for note in log.notes:
@@ -164,7 +177,7 @@ def load_log(
     return log
 
 
-def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, float]) -> Log:
+def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, float], no_return: str) -> Log:
     limits.check()
     scans, faults = usable_scans(recording.scans, limits)
     of_all = f"of {len(recording.scans)} scans are left out"
@@ -174,7 +187,16 @@ def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, fl
         scans, times, odometry, rows = _interpolated(scans, times, odometry, of_all, notes)
     else:
         rows = np.array([scan.row for scan in scans])
+    zeros = [scan.ranges == 0.0 for scan in scans]
     readings = [_read(scan, recording.reaches_limit and limits.max_range is None) for scan in scans]
+    if no_return == "zero":
+        for scan, is_zero in zip(readings, zeros):
+            scan.ranges[is_zero] = np.inf
+    else:
+        num_clear = sum(np.count_nonzero(scan.ranges == np.inf) for scan in readings)
+        advice = advise_on_zeros(sum(map(np.count_nonzero, zeros)), num_clear, sum(map(len, zeros)))
+        notes += [advice] * bool(advice)
+    readings = _without_skew(readings, times, odometry, notes)
     ranges, first, step, (x, y, z) = common_beams(readings)
     low, high = min(scan.range_min for scan in scans), max(scan.range_max for scan in scans)
     fov = step * (ranges.shape[1] - 1)
@@ -182,6 +204,27 @@ def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, fl
     if not np.isfinite(ranges).any():
         notes.append("no beam of any scan has a return")
     return Log(times, odometry, rows.astype(np.int64), ranges, lidar, tuple(notes + glitches))
+
+
+def _without_skew(scans: list[Scan], times: np.ndarray, odometry: np.ndarray, notes: list[str]) -> list[Scan]:
+    """Refer all beams of each scan to its stamp, by odometry."""
+    intervals = np.diff([scan.time for scan in scans])
+    interval = float(np.median(intervals[intervals > 0.0])) if (intervals > 0.0).any() else np.inf
+    result, wrong = [], list[float]()
+    for scan in scans:
+        if has_wrong_times(scan, interval):
+            wrong.append(abs(scan.time_increment))
+            scan = scan._replace(time_increment=0.0, delay=0.0)
+        elif scan.time_increment != 0.0:
+            at = scan.time + scan.delays
+            first, last = np.searchsorted(times, [at.min(), at.max()]).tolist()
+            near = slice(max(first - 1, 0), last + 1)
+            scan = deskewed(scan, interpolate_poses(times[near], odometry[near], np.array([scan.time, *at])))
+        result.append(scan)
+    if wrong:
+        limit = f"{interval:.3g} s between scans, {MAX_SWEEP:g} s at most"
+        notes.append(f"time_increment of {len(wrong)} of {len(scans)} scans is ignored: {wrong[0]:g} s ({limit})")
+    return result
 
 
 def _interpolated(

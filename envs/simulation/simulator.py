@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.scan_resampling import deskew_scan
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.worlds import World
 
@@ -18,6 +19,7 @@ from .crowd.step import with_bodies
 from .records import COMMAND_V, COMMAND_W, GYRO_BIAS
 from .rows import BLOCK, Reading, RobotState, Rows, Twist
 from .sensors import SLIP_LEFT, sense
+from .spinning_lidar import SpinningLidar
 
 
 class Simulator(ABC):
@@ -35,11 +37,15 @@ class Simulator(ABC):
         self.robot = robot
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
+        self.deskews = True
+        """Whether scans of a lidar that spins are corrected for the robot's motion, by odometry."""
+        self._spinning = _spinning_lidar(robot, control_period)
 
     def set_robot(self, robot: RobotParams) -> None:
         """Change the robot parameters from the next reset on, except footprint and lidar beams."""
         self.robot = robot
         self.rows.set_robot(robot, self._period)
+        self._spinning = _spinning_lidar(robot, self._period)
 
     @property
     def states(self) -> list[RobotState]:
@@ -82,6 +88,7 @@ class Simulator(ABC):
         # The draw for wheel slip is unused at a reset and determines the gyroscope bias.
         rows.numbers[:, GYRO_BIAS] = self.robot.imu.gyro_bias_std * rows.draws[:, -1, SLIP_LEFT]
         self.sense()
+        self._spin(world)
         return self._readings()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
@@ -109,6 +116,7 @@ class Simulator(ABC):
             rows.numbers[k, COMMAND_V], rows.numbers[k, COMMAND_W] = v, w
         rows.draw_ahead(self.rngs, ahead)
         self._move(world)
+        self._spin(world)
 
     def close(self) -> None:  # noqa: B027
         """Release resources. Repeated calls have no effect."""
@@ -123,8 +131,21 @@ class Simulator(ABC):
 
     def sense(self) -> None:
         rows, world = self.rows, self._reset_world()
-        visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
-        sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible, world.magnets)
+        sense(rows.numbers, rows.draws, rows.ranges, world.segments, self._visible(world), world.magnets)
+
+    def _visible(self, world: World) -> np.ndarray:
+        visible: np.ndarray = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
+        return visible
+
+    def _spin(self, world: World) -> None:
+        if self._spinning is None:
+            return
+        rows, lidar = self.rows, self.robot.lidar
+        seen = rows.numbers, rows.draws, rows.ranges, world.segments, self._visible(world)
+        first, position = lidar.mount.yaw + lidar.angle_min, (lidar.mount.x, lidar.mount.y)
+        for ranges, poses in zip(rows.ranges, self._spinning.measure(*seen), strict=True):
+            if self.deskews:
+                ranges[:] = deskew_scan(ranges, first, lidar.angle_increment, position, poses)
 
     def _readings(self) -> list[Reading]:
         return [self.rows.reading(k) for k in range(len(self.rows.numbers))]
@@ -139,3 +160,7 @@ class Simulator(ABC):
         for name, values in arguments.items():
             if len(values) != count:
                 raise ValueError(f"{name} must have one entry per robot, {count} in all, got {len(values)}")
+
+
+def _spinning_lidar(robot: RobotParams, control_period: float) -> SpinningLidar | None:
+    return SpinningLidar(robot.lidar, control_period) if robot.lidar.scan_time else None
