@@ -16,7 +16,7 @@ from lidarnaut.baselines import EXPLORERS, OFFERED
 from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.logs import messages
-from lidarnaut.envs.logs.scans import MAX_SWEEP, Limits, Scan, has_wrong_times, in_base_frame, resampled, usable_scans
+from lidarnaut.envs.logs.scans import Limits, Scan, in_base_frame, resampled, usable_scans, with_checked_times
 from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, seconds
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.robots import LidarParams, Mount, RobotParams, load_robot
@@ -123,9 +123,8 @@ class Session:
         self._lock, self._tree = threading.RLock(), FrameTree()
         robot = load_robot(options.robot)
         max_v, max_w = options.max_v or robot.max_v, options.max_w or robot.max_w
-        zero = {"no_return": "zero"} if options.no_return == "zero" else {}
-        limits = {"max_v": min(max_v, robot.max_v), "max_w": min(max_w, robot.max_w)}
-        self._robot = replace(robot, lidar=replace(robot.lidar, **zero), **limits)
+        lidar = replace(robot.lidar, no_return="zero") if options.no_return == "zero" else robot.lidar
+        self._robot = replace(robot, lidar=lidar, max_v=min(max_v, robot.max_v), max_w=min(max_w, robot.max_w))
         self._recorder: BagRecorder | None = None
         self.driver: Driver | None = None
         first = self._make_driver(self._robot)  # also checks the options
@@ -133,7 +132,7 @@ class Session:
             self._use(first)
         self._laser_frame, self._ignored = options.laser_frame, set[str]()
         self._mount: np.ndarray | None = None
-        self._has_wrong_times = False
+        self._scan_stamp, self._ignores_times = -math.inf, False
         self._permitted = -math.inf
         self._map_time = -math.inf
         self._sim_time, self._said = math.nan, "not asked yet"
@@ -237,13 +236,14 @@ class Session:
             ranges = np.array([missing if each is None else each for each in message.ranges], dtype=np.float32)
         beams = message.angle_min, message.angle_increment, message.range_min, message.range_max
         scan = Scan(ranges, *beams, time=stamp, time_increment=float(getattr(message, "time_increment", 0.0) or 0.0))
-        if has_wrong_times(scan):
-            if not self._has_wrong_times:
-                text = "time_increment of scans is ignored: %g s for %d beams, at most %g s in all are allowed"
-                LOGGER.warning(text, scan.time_increment, len(ranges), MAX_SWEEP)
-            self._has_wrong_times, scan = True, scan._replace(time_increment=0.0)
+        interval, self._scan_stamp = stamp - self._scan_stamp, stamp
+        if (checked := with_checked_times(scan, interval if interval > 0.0 else math.inf)) is not scan:
+            if not self._ignores_times:
+                text = "time_increment of scans is ignored: %g s for each of %d beams, but %.3g s between scans"
+                LOGGER.warning(text, scan.time_increment, len(ranges), interval)
+            self._ignores_times = True
         with self._lock:
-            if (placed := self._in_base_frame(scan, frame)) is not None:
+            if (placed := self._in_base_frame(checked, frame)) is not None:
                 if self.driver is None:
                     self._use(self._make_driver(replace(self._robot, lidar=self._lidar_of(placed))))
                 self.driver.scan(*_on_beams(placed, self.driver.robot.lidar))  # type: ignore[union-attr]
@@ -267,8 +267,8 @@ class Session:
     def _lidar_of(self, scan: Scan) -> LidarParams:
         fov, count = scan.step * (len(scan.ranges) - 1), len(scan.ranges)
         mount = Mount(*scan.position, yaw=scan.first + 0.5 * fov)
-        limits = {"range_min": scan.range_min, "range_max": scan.range_max}
-        return replace(self._robot.lidar, num_beams=count, fov=fov, mount=mount, **limits)
+        low, high = scan.range_min, scan.range_max
+        return replace(self._robot.lidar, num_beams=count, fov=fov, mount=mount, range_min=low, range_max=high)
 
     def _on_goal(self, message: Any) -> None:
         pose = message.pose

@@ -32,8 +32,6 @@ TICK = 1e-6
 """Wheel travel per count of the virtual encoders that poses of odometry are converted to [m]."""
 SIMULATED = {"physics", "world", "start", "people", "reward", "randomize"}
 """Arguments of environments that a driver does not have."""
-SCANS_FOR_ADVICE = 50
-"""Number of last scans in which ranges of 0.0 are counted."""
 KEPT = 10.0
 """Messages are kept for at most this time until a scan is used [s]."""
 
@@ -45,10 +43,10 @@ class Driver:
     as they arrive, and call `command` at the rate `control_hz`. Stamps are times of measurement [s] of one clock.
 
     A scan is used once odometry covers all its beams, and then the newest one. It is shown as from the pose of the
-    newest odometry, which the command is for. Without a new scan, the last command holds. Messages that are not finite, or not
-    newer than the last one of their kind, are dropped; after a step of the clock back by more than a second, all kinds
-    begin anew. Between the last scan before a pause and the first one after it, the policy's clock stands. Calls must
-    come from one thread at a time.
+    newest odometry, which the command is for. Without a new scan, the last command holds. Messages that are not finite,
+    or not newer than the last one of their kind, are dropped; after a step of the clock back by more than a second, all
+    kinds begin anew. Between the last scan before a pause and the first one after it, the policy's clock stands. Calls
+    must come from one thread at a time.
     """
 
     def __init__(
@@ -114,10 +112,9 @@ class Driver:
         self._policy, self._seed = policy, seed
         self._decide: Decide | None = None
         self._wheels = WheelMotion(robot, odometry_scales, uses_encoders=motion == "encoders")
-        self._counts, self._has_warned = deque[tuple[int, int, int]](maxlen=SCANS_FOR_ADVICE), False
         self._scans, self._rates = (deque[tuple[float, Any]]() for _ in range(2))
         self._newest: dict[str, float] = {}
-        self._fault, self._touched = "", False
+        self._fault, self._touched, self._advice = "", False, ""
         self._stamp, self._scan_stamp, self._offset, self._time = -math.inf, -math.inf, 0.0, 0.0
         self._commands = [STOP]
 
@@ -137,29 +134,22 @@ class Driver:
         ranges, lidar = np.array(ranges, dtype=np.float32), self.robot.lidar
         if ranges.shape != (lidar.num_beams,):
             raise ValueError(f"scan must have {lidar.num_beams} ranges, got shape {ranges.shape}")
-        delays = None if delays is None or not np.any(delays) else np.array(delays, dtype=np.float64)
-        if delays is not None and not (delays.shape == ranges.shape and np.abs(delays).max() <= MAX_SWEEP):
+        delays = np.zeros(len(ranges)) if delays is None else np.array(delays, dtype=np.float64)
+        if not (delays.shape == ranges.shape and np.abs(delays).max() <= MAX_SWEEP):
             raise ValueError(f"delays must have shape {ranges.shape}, and be at most {MAX_SWEEP:g} s, got {delays}")
         is_zero = ranges == 0.0
         ranges[~(ranges >= lidar.range_min) | is_zero] = np.nan
         ranges[ranges > lidar.range_max] = np.inf
         if lidar.no_return == "zero":
             ranges[is_zero] = np.inf
-        else:
-            self._warn_of_zeros(is_zero, ranges)
+        elif not self._advice:
+            self._advice = advise_on_zeros(int(is_zero.sum()), int(np.isposinf(ranges).sum()), len(ranges))
+            if self._advice:
+                LOGGER.warning("%s", self._advice)
         if np.isnan(ranges).all():
             self._drop("scan without a valid beam")
         else:
             self._receive("scan", self._scans, stamp, (ranges, delays))
-
-    def _warn_of_zeros(self, is_zero: np.ndarray, ranges: np.ndarray) -> None:
-        if self._has_warned:
-            return
-        self._counts.append((np.count_nonzero(is_zero), np.count_nonzero(np.isposinf(ranges)), len(ranges)))
-        is_full = len(self._counts) == self._counts.maxlen
-        if is_full and (advice := advise_on_zeros(*np.sum(self._counts, axis=0).tolist())):
-            self._has_warned = True
-            LOGGER.warning("%s", advice)
 
     def odometry(self, pose: Sequence[float], stamp: float) -> None:
         """Receive a base pose (x, y, theta) in the odometry frame [m, m, rad]; ValueError with `motion="encoders"`."""
@@ -250,7 +240,7 @@ class Driver:
                 self.env.robots[0].action = (0.0, 0.0)
         return self._commands[0]
 
-    def _receive(self, kind: str, messages: deque[tuple[float, Any]], stamp: float, content: np.ndarray) -> None:
+    def _receive(self, kind: str, messages: deque[tuple[float, Any]], stamp: float, content: Any) -> None:
         last = self._newest.get(kind, -math.inf)
         if not math.isfinite(stamp) or (kind != "scan" and not np.isfinite(content).all()):
             self._drop(f"{kind} that is not finite")
@@ -277,14 +267,14 @@ class Driver:
         messages = self._wheels.messages
         first, newest = (messages[0][0], messages[-1][0]) if messages else (math.inf, -math.inf)
         found = None
-        while newest > self._stamp and self._scans and _end_of(self._scans[0]) <= newest:
+        while newest > self._stamp and self._scans and self._scans[0][0] + self._scans[0][1][1].max() <= newest:
             found = self._scans.popleft()
         if found is not None and found[0] < min(first, self._stamp):
             self._drop("scan before the odometry")
             return None
         return found
 
-    def _use(self, scan_stamp: float, scan: tuple[np.ndarray, np.ndarray | None]) -> None:
+    def _use(self, scan_stamp: float, scan: tuple[np.ndarray, np.ndarray]) -> None:
         """Estimate and observe the state at the newest odometry."""
         wheels, is_first = self._wheels, not self.has_begun
         stamp, before, (ranges, delays) = wheels.messages[-1][0], wheels.ticks, scan
@@ -295,9 +285,9 @@ class Driver:
         self._time, self._scan_stamp = stamp - self._offset, scan_stamp
         if num_jumps := wheels.advance(self._stamp, self.timeout, is_first=is_first):
             self._drop(f"jump of {'encoders' if wheels.uses_encoders else 'odometry'}", num_jumps)
-        elif scan_stamp != stamp or delays is not None:
-            times = np.array([scan_stamp]) if delays is None else scan_stamp + delays
-            ranges = self._moved(ranges, wheels.poses(np.array([stamp, *times])))
+        elif scan_stamp != stamp or delays.any():
+            times = scan_stamp + (delays if delays.any() else delays[:1])
+            ranges = self._moved(ranges, wheels.poses(np.append(stamp, times)))
         rates = [rate for time, rate in self._rates if time <= stamp]
         yaw_rate = float(np.mean(rates)) if rates else 0.0
         if not (rates or is_first):
@@ -341,8 +331,3 @@ class Driver:
             if math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= (task.heading_tolerance or math.pi):
                 return "reached"
         return ""
-
-
-def _end_of(scan: tuple[float, tuple[np.ndarray, np.ndarray | None]]) -> float:
-    stamp, (_, delays) = scan
-    return stamp if delays is None else stamp + max(float(delays.max()), 0.0)

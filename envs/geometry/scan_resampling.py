@@ -1,6 +1,7 @@
 """Scans as another lidar, or one that does not move during the scan, would measure them."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,8 +11,6 @@ SAME_POSITION = 1e-3
 """Smaller differences between lidar positions are ignored [m]."""
 SAME_SURFACE = 0.1
 """Maximum range difference of adjacent beams on one surface [share of the shorter range]."""
-SAME_POSE = 1e-6
-"""Smaller motions during a scan are ignored [m, rad]."""
 MOVING_REACH = 1.5
 """Angle between beams of a moving lidar that is filled, in units of their greatest increment: walls come nearer."""
 
@@ -19,8 +18,8 @@ MOVING_REACH = 1.5
 def resample_scan(
     ranges: np.ndarray,
     angles: np.ndarray,
-    position: tuple[float, float],
-    target: tuple[float, float],
+    position: Sequence[float],
+    target: Sequence[float],
     beams: tuple[float, float, int],
     poses: np.ndarray | None = None,
 ) -> np.ndarray:
@@ -72,16 +71,3 @@ def resample_scan(
     result = np.where(one & (gap < 1.5 * reach) & np.isfinite(between), between, result)
     result[np.abs(wanted - angles[nearest]) > 0.51 * reach] = np.nan
     return result.astype(np.float32)
-
-
-def deskew_scan(
-    ranges: np.ndarray, first: float, step: float, position: tuple[float, float], poses: np.ndarray
-) -> np.ndarray:
-    """Return a scan with the same beams, measured at one instant, shape (num_beams,), float32 [m].
-
-    `first`, `step`: first angle and angle increment in the base frame [rad]. Other arguments: see `resample_scan`.
-    """
-    if np.ptp(poses, axis=0).max() <= SAME_POSE:
-        return ranges
-    beams = first, step, len(ranges)
-    return resample_scan(ranges, first + step * np.arange(len(ranges)), position, position, beams, poses)

@@ -15,18 +15,7 @@ from lidarnaut.envs.robots import LidarParams, Mount
 
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
-from .scans import (
-    MAX_SWEEP,
-    Limits,
-    LogContent,
-    Scan,
-    advise_on_zeros,
-    check_no_return,
-    common_beams,
-    deskewed,
-    has_wrong_times,
-    usable_scans,
-)
+from .scans import Limits, LogContent, Scan, advise_on_zeros, common_beams, deskewed, usable_scans
 from .trajectory import (
     MAX_SPEEDS,
     bridge_glitches,
@@ -159,6 +148,8 @@ def load_log(
         raise ValueError(
             f"{path}: field_of_view (--field-of-view) is for CARMEN logs only, in (0, 2 pi] rad, got {field_of_view:g}"
         )
+    if no_return not in ("inf", "zero"):
+        raise ValueError(f"no_return must be 'inf' or 'zero', got {no_return!r}")
     if is_bag(path):
         recording = read_bag(path, **of_bags)
     elif path.suffix == ".npz":
@@ -169,7 +160,7 @@ def load_log(
         known = ".npz, .log, .log.gz, .clf, .clf.gz, .bag, .mcap and folders with metadata.yaml"
         raise ValueError(f"{path}: unknown type of log; known types are {known}")
     try:
-        log = _make_log(recording, Limits(min_range, max_range), max_speeds, check_no_return(no_return))
+        log = _make_log(recording, Limits(min_range, max_range), max_speeds, no_return)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     for note in log.notes:
@@ -187,16 +178,12 @@ def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, fl
         scans, times, odometry, rows = _interpolated(scans, times, odometry, of_all, notes)
     else:
         rows = np.array([scan.row for scan in scans])
-    zeros = [scan.ranges == 0.0 for scan in scans]
-    readings = [_read(scan, recording.reaches_limit and limits.max_range is None) for scan in scans]
-    if no_return == "zero":
-        for scan, is_zero in zip(readings, zeros):
-            scan.ranges[is_zero] = np.inf
-    else:
-        num_clear = sum(np.count_nonzero(scan.ranges == np.inf) for scan in readings)
-        advice = advise_on_zeros(sum(map(np.count_nonzero, zeros)), num_clear, sum(map(len, zeros)))
-        notes += [advice] * bool(advice)
-    readings = _without_skew(readings, times, odometry, notes)
+    readings = [_read(scan, recording.reaches_limit and limits.max_range is None, no_return) for scan in scans]
+    num_zeros = int(sum((scan.ranges == 0.0).sum() for scan in scans))
+    num_clear = int(sum((scan.ranges == np.inf).sum() for scan in readings))
+    if no_return == "inf" and (advice := advise_on_zeros(num_zeros, num_clear, sum(len(one.ranges) for one in scans))):
+        notes.append(advice)
+    readings = deskewed(readings, times, odometry, notes)
     ranges, first, step, (x, y, z) = common_beams(readings)
     low, high = min(scan.range_min for scan in scans), max(scan.range_max for scan in scans)
     fov = step * (ranges.shape[1] - 1)
@@ -204,27 +191,6 @@ def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, fl
     if not np.isfinite(ranges).any():
         notes.append("no beam of any scan has a return")
     return Log(times, odometry, rows.astype(np.int64), ranges, lidar, tuple(notes + glitches))
-
-
-def _without_skew(scans: list[Scan], times: np.ndarray, odometry: np.ndarray, notes: list[str]) -> list[Scan]:
-    """Refer all beams of each scan to its stamp, by odometry."""
-    intervals = np.diff([scan.time for scan in scans])
-    interval = float(np.median(intervals[intervals > 0.0])) if (intervals > 0.0).any() else np.inf
-    result, wrong = [], list[float]()
-    for scan in scans:
-        if has_wrong_times(scan, interval):
-            wrong.append(abs(scan.time_increment))
-            scan = scan._replace(time_increment=0.0, delay=0.0)
-        elif scan.time_increment != 0.0:
-            at = scan.time + scan.delays
-            first, last = np.searchsorted(times, [at.min(), at.max()]).tolist()
-            near = slice(max(first - 1, 0), last + 1)
-            scan = deskewed(scan, interpolate_poses(times[near], odometry[near], np.array([scan.time, *at])))
-        result.append(scan)
-    if wrong:
-        limit = f"{interval:.3g} s between scans, {MAX_SWEEP:g} s at most"
-        notes.append(f"time_increment of {len(wrong)} of {len(scans)} scans is ignored: {wrong[0]:g} s ({limit})")
-    return result
 
 
 def _interpolated(
@@ -247,9 +213,11 @@ def _interpolated(
     return kept, every, interpolate_poses(times, odometry, every), rows
 
 
-def _read(scan: Scan, reaches_limit: bool) -> Scan:
+def _read(scan: Scan, reaches_limit: bool, no_return: str) -> Scan:
     ranges = scan.ranges
     is_return = ranges <= scan.range_max if reaches_limit else ranges < scan.range_max
     ranges = np.where(is_return | np.isnan(ranges), ranges, np.float32(np.inf))
     ranges[((ranges < scan.range_min) & (ranges >= 0.0)) | (ranges == 0.0)] = np.nan
+    if no_return == "zero":
+        ranges[scan.ranges == 0.0] = np.inf
     return scan._replace(ranges=ranges)

@@ -26,9 +26,7 @@ def clock(time: float) -> Any:
     return _make("rosgraph_msgs/msg/Clock", _stamp(time))
 
 
-def laser_scan(
-    time: float, ranges: np.ndarray, lidar: LidarParams, period: float, time_increment: float = 0.0
-) -> Any:
+def laser_scan(time: float, ranges: np.ndarray, lidar: LidarParams, period: float, time_increment: float = 0.0) -> Any:
     """Return a `sensor_msgs/LaserScan` of ranges, shape (num_beams,), float32 [m].
 
     `time`: that of the first beam [s]; `time_increment`: time between beams [s]; `period`: time between scans [s].

@@ -3,12 +3,14 @@
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 
-from lidarnaut.envs.geometry.scan_resampling import SAME_POSITION, deskew_scan, resample_scan
-from lidarnaut.envs.robots.robot_params import MAX_BEAMS, MAX_LENGTH, NoReturn
+from lidarnaut.envs.geometry.scan_resampling import SAME_POSITION, resample_scan
+from lidarnaut.envs.robots.robot_params import MAX_BEAMS, MAX_LENGTH
+
+from .trajectory import interpolate_poses
 
 MAX_RANGE_LIMIT = 1000.0
 """Maximum plausible range limit of a lidar [m]; some drivers report inf."""
@@ -80,19 +82,12 @@ class Limits(NamedTuple):
                 raise ValueError(f"{name} (--{name.replace('_', '-')}) must be positive, got {value:g}")
 
 
-def check_no_return(no_return: str) -> str:
-    """Return `no_return` if it is a value of `LidarParams.no_return`, otherwise raise ValueError."""
-    if no_return not in (allowed := get_args(NoReturn)):
-        raise ValueError(f"no_return (--no-return) must be one of {', '.join(allowed)}, got {no_return!r}")
-    return no_return
-
-
 def advise_on_zeros(num_zeros: int, num_clear: int, num_beams: int) -> str:
     """Return advice if a lidar seems to report no return as 0.0; empty if not. `num_clear`: beams without return."""
     if num_zeros < MANY_ZEROS * num_beams or num_zeros <= num_clear:
         return ""
-    share = f"{100.0 * num_zeros / num_beams:.0f} % of the beams are 0.0 and count as invalid, so that they clear nothing"
-    return f"{share}; if the lidar reports no return as 0.0, as the LDS-01 does, set no_return to zero (--no-return zero)"
+    share = f"{100.0 * num_zeros / num_beams:.0f} % of the beams are 0.0, which counts as invalid and clears nothing"
+    return f"{share}; if 0.0 is the lidar's no return, as the LDS-01's, set no_return to zero (--no-return zero)"
 
 
 def in_base_frame(scan: Scan, mount: np.ndarray) -> Scan:
@@ -155,19 +150,33 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
     return scan._replace(ranges=ranges, first=first, step=step, range_min=low, range_max=high), ""
 
 
-def has_wrong_times(scan: Scan, interval: float = math.inf) -> bool:
-    """Return True if a scan would take too long. `interval`: usual time between scans [s]."""
-    longest = min(MAX_SWEEP, MAX_SHARE_OF_INTERVAL * interval)
-    return not abs(scan.time_increment) * (len(scan.ranges) - 1) <= longest
+def with_checked_times(scan: Scan, interval: float) -> Scan:
+    """Return a scan; without times of its beams if they take longer than the time between scans, `interval` [s]."""
+    if abs(scan.time_increment) * (len(scan.ranges) - 1) <= min(MAX_SWEEP, MAX_SHARE_OF_INTERVAL * interval):
+        return scan
+    return scan._replace(time_increment=0.0, delay=0.0)
 
 
-def deskewed(scan: Scan, poses: np.ndarray) -> Scan:
-    """Return a scan with the same beams, all measured at its stamp.
+def deskewed(scans: Sequence[Scan], times: np.ndarray, odometry: np.ndarray, notes: list[str]) -> list[Scan]:
+    """Return scans whose beams are all measured at the stamp, corrected by odometry; add warnings to `notes`.
 
-    `poses`: base pose at the stamp, and at each beam, shape (1 + num_beams, 3) [m, m, rad].
+    `times`: shape (n,), ascending [s]. `odometry`: base poses at `times`, shape (n, 3) [m, m, rad].
     """
-    ranges = deskew_scan(scan.ranges, scan.first, scan.step, scan.position[:2], poses)
-    return scan._replace(ranges=ranges, time_increment=0.0, delay=0.0)
+    intervals = np.diff([scan.time for scan in scans])
+    interval = float(np.median(intervals[intervals > 0.0])) if (intervals > 0.0).any() else math.inf
+    result = [with_checked_times(scan, interval) for scan in scans]
+    if wrong := [scan.time_increment for scan, one in zip(scans, result) if one is not scan]:
+        limit = f"{wrong[0]:g} s between beams, but {interval:.3g} s between scans (at most {MAX_SWEEP:g} s is allowed)"
+        notes.append(f"time_increment of {len(wrong)} of {len(scans)} scans is ignored: {limit}")
+    for k, scan in enumerate(result):
+        if scan.time_increment != 0.0:
+            at = scan.time + np.append(0.0, scan.delays)
+            first, last = np.searchsorted(times, [at.min(), at.max()]).tolist()
+            near = slice(max(first - 1, 0), last + 1)
+            poses = interpolate_poses(times[near], odometry[near], at)
+            ranges = resampled(scan, scan.position, scan.first, scan.step, len(scan.ranges), poses)
+            result[k] = scan._replace(ranges=ranges)
+    return result
 
 
 def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple[float, float, float]]:
@@ -200,16 +209,11 @@ def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple
 
 
 def resampled(
-    scan: Scan,
-    position: tuple[float, float],
-    low: float,
-    step: float,
-    num_beams: int,
-    poses: np.ndarray | None = None,
+    scan: Scan, position: Sequence[float], low: float, step: float, num_beams: int, poses: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return a scan as a lidar at another position (x, y) [m] would measure it, shape (num_beams,), float32 [m].
+    """Return a scan as a lidar at another position would measure it, shape (num_beams,), float32 [m].
 
-    `low`, `step`: first angle and angle increment [rad]. `poses`: see `resample_scan`.
+    `position`: x, y [m]. `low`, `step`: first angle and angle increment [rad]. `poses`: see `resample_scan`.
     """
-    angles, target = scan.first + scan.step * np.arange(len(scan.ranges)), position[:2]
-    return resample_scan(scan.ranges, angles, scan.position[:2], target, (low, step, num_beams), poses)
+    angles, beams = scan.first + scan.step * np.arange(len(scan.ranges)), (low, step, num_beams)
+    return resample_scan(scan.ranges, angles, scan.position[:2], position[:2], beams, poses)

@@ -9,7 +9,6 @@ import gymnasium
 import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.geometry.scan_resampling import deskew_scan
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.worlds import World
 
@@ -39,13 +38,13 @@ class Simulator(ABC):
         self._world: World | None = None
         self.deskews = True
         """Whether scans of a lidar that spins are corrected for the robot's motion, by odometry."""
-        self._spinning = _spinning_lidar(robot, control_period)
+        self._spinning = SpinningLidar(robot.lidar, control_period)
 
     def set_robot(self, robot: RobotParams) -> None:
         """Change the robot parameters from the next reset on, except footprint and lidar beams."""
         self.robot = robot
         self.rows.set_robot(robot, self._period)
-        self._spinning = _spinning_lidar(robot, self._period)
+        self._spinning = SpinningLidar(robot.lidar, self._period)
 
     @property
     def states(self) -> list[RobotState]:
@@ -131,21 +130,13 @@ class Simulator(ABC):
 
     def sense(self) -> None:
         rows, world = self.rows, self._reset_world()
-        sense(rows.numbers, rows.draws, rows.ranges, world.segments, self._visible(world), world.magnets)
-
-    def _visible(self, world: World) -> np.ndarray:
-        visible: np.ndarray = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
-        return visible
+        visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
+        sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible, world.magnets)
 
     def _spin(self, world: World) -> None:
-        if self._spinning is None:
-            return
-        rows, lidar = self.rows, self.robot.lidar
-        seen = rows.numbers, rows.draws, rows.ranges, world.segments, self._visible(world)
-        first, position = lidar.mount.yaw + lidar.angle_min, (lidar.mount.x, lidar.mount.y)
-        for ranges, poses in zip(rows.ranges, self._spinning.measure(*seen), strict=True):
-            if self.deskews:
-                ranges[:] = deskew_scan(ranges, first, lidar.angle_increment, position, poses)
+        if self.robot.lidar.scan_time:
+            visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
+            self._spinning.measure(self.rows, world.segments, visible, deskews=self.deskews)
 
     def _readings(self) -> list[Reading]:
         return [self.rows.reading(k) for k in range(len(self.rows.numbers))]
@@ -160,7 +151,3 @@ class Simulator(ABC):
         for name, values in arguments.items():
             if len(values) != count:
                 raise ValueError(f"{name} must have one entry per robot, {count} in all, got {len(values)}")
-
-
-def _spinning_lidar(robot: RobotParams, control_period: float) -> SpinningLidar | None:
-    return SpinningLidar(robot.lidar, control_period) if robot.lidar.scan_time else None

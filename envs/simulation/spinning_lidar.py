@@ -2,11 +2,13 @@
 
 import math
 from collections import deque
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from lidarnaut.envs.geometry.raycast import Beams, cast_rays
+from lidarnaut.envs.geometry.scan_resampling import resample_scan
 from lidarnaut.envs.robots import LidarParams
 
 from . import records as at
@@ -47,44 +49,44 @@ def sweep_ranges(poses, instants, draws, robot, segments, circles, ranges):
 
 
 class SpinningLidar:
-    """Simulated lidars that spin, of all robots of a world.
+    """Lidars that spin, of all robots of a world; the last beam of a scan is measured at the end of a control period.
 
-    The last beam of each scan is measured at the end of a control period. Poses are linear between control periods.
+    Poses, and positions of people, are linear between the ends of control periods.
     """
 
     def __init__(self, lidar: LidarParams, control_period: float) -> None:
-        """Create a lidar that turns in `lidar.scan_time`."""
         ages = lidar.time_increment * np.arange(lidar.num_beams)[::-1] / control_period
-        self._count = max(math.ceil(ages[0]), 1) + 1
+        self._lidar, self._count = lidar, max(math.ceil(ages[0]), 1) + 1
         self._instants = self._count - 1 - ages
         self._paths: deque[np.ndarray] = deque(maxlen=self._count)
         self._circles: deque[list[np.ndarray]] = deque(maxlen=self._count)
 
-    def measure(
-        self, rows: np.ndarray, draws: np.ndarray, ranges: np.ndarray, segments: np.ndarray, circles: np.ndarray
-    ) -> np.ndarray:
-        """Replace the scans of a control period; return the base poses by odometry at their ends and at each beam.
+    def measure(self, rows: Any, segments: np.ndarray, circles: np.ndarray, *, deskews: bool) -> None:
+        """Replace the scans of a control period; with `deskews`, correct them for the motion by odometry.
 
-        `rows`, `draws`, `ranges`, `segments`, `circles`: as in `sense`. Poses have shape (num_robots, 1 + num_beams, 3)
-        [m, m, rad].
+        `rows`: `Rows` of the robots. `segments`, `circles`: as in `sense`.
         """
-        robot = at.unpack_robot(rows[0, at.ROBOT :])
-        path = np.concatenate([rows[:, at.X : at.THETA + 1], rows[:, at.ODOMETRY_POSE : at.ODOMETRY_POSE + 3]], axis=1)
-        circles_seen = [with_peers(circles, rows, k, robot.radius) for k in range(len(rows))]
-        if rows[0, at.STEPS] == 0.0:
-            self._paths.extend([path] * self._count)  # at rest before the reset
-            self._circles.extend([circles_seen] * self._count)
-        else:
-            turns = np.stack([robot.period * rows[:, at.MEAN_W], rows[:, at.ODOMETRY + 2]], axis=1)
-            last = self._paths[-1][:, [2, 5]] + turns
-            path[:, [2, 5]] += 2.0 * math.pi * np.rint((last - path[:, [2, 5]]) / (2.0 * math.pi))
-            self._paths.append(path)
-            self._circles.append(circles_seen)
-        times, paths = np.arange(self._count), np.array(self._paths)
-        poses = np.empty((len(rows), 1 + len(self._instants), 3))
-        for k, row in enumerate(rows):
-            beams = np.stack([np.interp(self._instants, times, column) for column in paths[:, k].T], axis=1)
-            noise, visible = draws[k, int(row[at.DRAW]), OTHER_NORMALS:], np.stack([each[k] for each in self._circles])
-            sweep_ranges(beams[:, :3].copy(), self._instants, noise, robot, segments, visible, ranges[k])
-            poses[k, 0], poses[k, 1:] = paths[-1, k, 3:], beams[:, 3:]
-        return poses
+        numbers, lidar = rows.numbers, self._lidar
+        robot = at.unpack_robot(numbers[0, at.ROBOT :])
+        path = np.hstack([numbers[:, at.X : at.THETA + 1], numbers[:, at.ODOMETRY_POSE : at.ODOMETRY_POSE + 3]])
+        seen = [with_peers(circles, numbers, k, robot.radius) for k in range(len(numbers))]
+        if numbers[0, at.STEPS] == 0.0:  # at rest before the reset
+            self._paths.extend([path] * self._count)
+            self._circles.extend([seen] * self._count)
+        turns = np.stack([robot.period * numbers[:, at.MEAN_W], numbers[:, at.ODOMETRY + 2]], axis=1)
+        last = self._paths[-1][:, [2, 5]] + turns
+        path[:, [2, 5]] += 2.0 * math.pi * np.rint((last - path[:, [2, 5]]) / (2.0 * math.pi))
+        self._paths.append(path)
+        self._circles.append(seen)
+        times, paths, mount = np.arange(self._count), np.array(self._paths), (lidar.mount.x, lidar.mount.y)
+        angles = lidar.angles + lidar.mount.yaw
+        for k, (row, ranges) in enumerate(zip(numbers, rows.ranges)):
+            poses = np.stack([np.interp(self._instants, times, column) for column in paths[:, k].T], axis=1)
+            noise, visible = (
+                rows.draws[k, int(row[at.DRAW]), OTHER_NORMALS:],
+                np.stack([one[k] for one in self._circles]),
+            )
+            sweep_ranges(poses[:, :3].copy(), self._instants, noise, robot, segments, visible, ranges)
+            if deskews:
+                odometry, beams = np.vstack([path[k], poses])[:, 3:], (angles[0], lidar.angle_increment, len(angles))
+                ranges[:] = resample_scan(ranges, angles, mount, mount, beams, odometry)
