@@ -20,7 +20,7 @@ MANY_ZEROS = 0.1
 """Share of ranges of 0.0 from which they may mean no return."""
 MAX_SWEEP = 1.0
 """Maximum plausible duration of a scan [s]; some drivers give wrong `time_increment`s."""
-MAX_SHARE_OF_INTERVAL = 1.5
+MAX_SHARE_OF_INTERVAL = 2.0
 """Maximum plausible duration of a scan, divided by the usual time between scans, which varies."""
 FULL_TURN, MAX_TURN = 2.0 * math.pi - 1e-6, 2.1 * math.pi
 """Minimum field of view of a full turn, and maximum valid field of view [rad]."""

@@ -250,7 +250,7 @@ def test_messages_become_json_of_both_versions_of_ros():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"no_return": "0"}, "no_return must be 'inf' or 'nan', got '0'"),
+        ({"no_return": "0"}, "no_return must be 'inf', 'nan' or 'zero', got '0'"),
         ({"policy": "pursuitt"}, "unknown policy 'pursuitt'"),
         ({"policy": "mppi", "slam": "hectorr"}, "unknown SLAM 'hectorr'"),
         ({"robot": "nobody"}, "nobody"),
