@@ -55,6 +55,8 @@ class Loop:
         self.silent, self.offset = set[str](), 0.0
         """Kinds of messages that are lost, `scan` and `odometry`; difference between the clocks of messages and of the
         simulation [s]."""
+        lidar = robot.robot.lidar
+        self._delays = lidar.time_increment * np.arange(1 - lidar.num_beams, 1)  # a scan ends when it is sent
         self._pending: list[tuple[float, str, Any, float]] = []
         self._latest = {"scan": 0.0, "odometry": 0.0}
         self._next_scan = self._next_command = robot.time
@@ -75,7 +77,10 @@ class Loop:
             self._pending = [each for each in self._pending if each[0] > now + 1e-9]
             began = time.process_time()
             for _, kind, content, stamp in arrived:
-                (driver.odometry if kind == "odometry" else driver.scan)(content, stamp)
+                if kind == "odometry":
+                    driver.odometry(content, stamp)
+                else:
+                    driver.scan(content, stamp, self._delays)
             is_due = now >= self._next_command - 1e-9
             if is_due:
                 self._next_command += PERIOD
