@@ -237,11 +237,11 @@ class Session:
         beams = message.angle_min, message.angle_increment, message.range_min, message.range_max
         scan = Scan(ranges, *beams, time=stamp, time_increment=float(getattr(message, "time_increment", 0.0) or 0.0))
         interval, self._scan_stamp = stamp - self._scan_stamp, stamp
-        if (checked := with_checked_times(scan, interval if interval > 0.0 else math.inf)) is not scan:
-            if not self._ignores_times:
-                text = "time_increment of scans is ignored: %g s for each of %d beams, but %.3g s between scans"
-                LOGGER.warning(text, scan.time_increment, len(ranges), interval)
+        checked = with_checked_times(scan, interval if interval > 0.0 else math.inf)
+        if checked is not scan and not self._ignores_times:
             self._ignores_times = True
+            text = "time_increment of scans is ignored: %g s for each of %d beams, but %.3g s between scans"
+            LOGGER.warning(text, scan.time_increment, len(ranges), interval)
         with self._lock:
             if (placed := self._in_base_frame(checked, frame)) is not None:
                 if self.driver is None:

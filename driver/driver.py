@@ -119,17 +119,12 @@ class Driver:
         self._commands = [STOP]
 
     def scan(self, ranges: np.ndarray, stamp: float, delays: np.ndarray | None = None) -> None:
-        """Receive a scan.
+        """Receive a scan: ranges, shape (num_beams,) [m]; +inf is no return, NaN an invalid beam, 0 see `no_return`.
 
-        Args:
-            ranges: shape (num_beams,) [m]; +inf is no return, NaN an invalid beam, and 0 what the robot's
-                `lidar.no_return` says.
-            stamp: time of the scan [s].
-            delays: time of each beam after the stamp, shape (num_beams,) [s], to correct the motion during the scan;
-                None for beams measured at once.
+        `delays`: time of each beam after the stamp, shape (num_beams,) [s]; None for beams measured at once.
 
         Raises:
-            ValueError: another number of beams than the robot's lidar has, or times that are not finite.
+            ValueError: another number of beams than the robot's lidar has, or delays of more than a second.
         """
         ranges, lidar = np.array(ranges, dtype=np.float32), self.robot.lidar
         if ranges.shape != (lidar.num_beams,):

@@ -17,7 +17,7 @@ MAX_RANGE_LIMIT = 1000.0
 SAME_BEAMS = 0.1
 """Beam angles that differ by less than this share of the angle increment count as equal."""
 MANY_ZEROS = 0.1
-"""Share of ranges of 0.0 from which they may mean no return."""
+"""Minimum share of ranges of 0.0 for advice on their meaning."""
 MAX_SWEEP = 1.0
 """Maximum plausible duration of a scan [s]; some drivers give wrong `time_increment`s."""
 MAX_SHARE_OF_INTERVAL = 2.0
@@ -44,7 +44,7 @@ class Scan(NamedTuple):
     row: int | None = None
     """Index of the odometry pose at the scan; None to interpolate odometry at `time`."""
     time: float = math.nan
-    """Stamp, to which the pose of the scan belongs [s]."""
+    """Stamp: time of the pose of the scan [s]."""
     time_increment: float = 0.0
     """Time between successive beams [s]; 0 for beams measured at once, negative if earlier beams are measured later."""
     delay: float = 0.0

@@ -22,14 +22,9 @@ GROUP = 8
 def sweep_ranges(poses, instants, draws, robot, segments, circles, ranges):
     """Simulate a noisy scan whose beams are measured one after the other.
 
-    Args:
-        poses: base pose (x, y, theta) at each beam, world frame, shape (num_beams, 3) [m, m, rad].
-        instants: time of each beam, as an index into `circles`, shape (num_beams,), float64.
-        draws: random numbers for noise, as in `disturb_ranges`.
-        robot: `RobotRecord`.
-        segments: walls (x0, y0, x1, y1), shape (n, 4), float64 [m].
-        circles: obstacles and people (x, y, radius) at successive times, shape (k, m, 3), float64 [m].
-        ranges: output, shape (num_beams,), float32 [m].
+    `poses`: base pose at each beam, world frame, shape (num_beams, 3) [m, m, rad]. `circles`: obstacles and people (x,
+    y, radius) at successive times, shape (k, m, 3) [m]. `instants`: time of each beam, as an index into `circles`,
+    shape (num_beams,), float64. Other arguments as in `measure_ranges`.
     """
     num_beams, step = ranges.shape[0], robot.angle_increment
     for first in range(0, num_beams, GROUP):
@@ -82,11 +77,8 @@ class SpinningLidar:
         angles = lidar.angles + lidar.mount.yaw
         for k, (row, ranges) in enumerate(zip(numbers, rows.ranges)):
             poses = np.stack([np.interp(self._instants, times, column) for column in paths[:, k].T], axis=1)
-            noise, visible = (
-                rows.draws[k, int(row[at.DRAW]), OTHER_NORMALS:],
-                np.stack([one[k] for one in self._circles]),
-            )
-            sweep_ranges(poses[:, :3].copy(), self._instants, noise, robot, segments, visible, ranges)
+            noise, visible = rows.draws[k, int(row[at.DRAW]), OTHER_NORMALS:], [one[k] for one in self._circles]
+            sweep_ranges(poses[:, :3].copy(), self._instants, noise, robot, segments, np.stack(visible), ranges)
             if deskews:
                 odometry, beams = np.vstack([path[k], poses])[:, 3:], (angles[0], lidar.angle_increment, len(angles))
                 ranges[:] = resample_scan(ranges, angles, mount, mount, beams, odometry)
