@@ -114,7 +114,7 @@ class Driver:
         self._wheels = WheelMotion(robot, odometry_scales, uses_encoders=motion == "encoders")
         self._scans, self._rates = (deque[tuple[float, Any]]() for _ in range(2))
         self._newest: dict[str, float] = {}
-        self._fault, self._touched, self._advice = "", False, ""
+        self._fault, self._touched, self._advice, self._jump_stamp = "", False, "", -math.inf
         self._stamp, self._scan_stamp, self._offset, self._time = -math.inf, -math.inf, 0.0, 0.0
         self._commands = [STOP]
 
@@ -245,7 +245,7 @@ class Driver:
             for each in (self._scans, self._wheels.messages, self._rates):
                 each.clear()
             self._newest.clear()
-            self._stamp = self._scan_stamp = -math.inf
+            self._stamp = self._scan_stamp = self._jump_stamp = -math.inf
         elif stamp <= last:
             self._drop(f"{kind} that is not newer than the last")
             return
@@ -280,7 +280,8 @@ class Driver:
         self._time, self._scan_stamp = stamp - self._offset, scan_stamp
         if num_jumps := wheels.advance(self._stamp, self.timeout, is_first=is_first):
             self._drop(f"jump of {'encoders' if wheels.uses_encoders else 'odometry'}", num_jumps)
-        elif scan_stamp != stamp or delays.any():
+            self._jump_stamp = stamp
+        elif scan_stamp + delays.min() >= self._jump_stamp and (scan_stamp != stamp or delays.any()):
             times = scan_stamp + (delays if delays.any() else delays[:1])
             ranges = self._moved(ranges, wheels.poses(np.append(stamp, times)))
         rates = [rate for time, rate in self._rates if time <= stamp]

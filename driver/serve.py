@@ -41,7 +41,7 @@ class Options:
     rate: float = 50.0
     """Odometry messages per simulated second [Hz]."""
     scan_rate: float = 10.0
-    """Scans per simulated second [Hz]."""
+    """Scans per simulated second [Hz]; at most one per turn of a lidar that spins."""
     speed: float = 1.0
     """Simulated seconds per second."""
     timeout: float = 0.5

@@ -183,7 +183,7 @@ def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, fl
     num_clear = int(sum((scan.ranges == np.inf).sum() for scan in readings))
     if no_return == "inf" and (advice := advise_on_zeros(num_zeros, num_clear, sum(len(one.ranges) for one in scans))):
         notes.append(advice)
-    readings = deskewed(readings, times, odometry, notes)
+    readings = deskewed(readings, times, odometry, max_speeds, notes)
     ranges, first, step, (x, y, z) = common_beams(readings)
     low, high = min(scan.range_min for scan in scans), max(scan.range_max for scan in scans)
     fov = step * (ranges.shape[1] - 1)

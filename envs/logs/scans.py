@@ -10,7 +10,7 @@ import numpy as np
 from lidarnaut.envs.geometry.scan_resampling import SAME_POSITION, resample_scan
 from lidarnaut.envs.robots.robot_params import MAX_BEAMS, MAX_LENGTH
 
-from .trajectory import interpolate_poses
+from .trajectory import CLOCK_JITTER, interpolate_poses, trajectory_errors
 
 MAX_RANGE_LIMIT = 1000.0
 """Maximum plausible range limit of a lidar [m]; some drivers report inf."""
@@ -157,10 +157,13 @@ def with_checked_times(scan: Scan, interval: float) -> Scan:
     return scan._replace(time_increment=0.0, delay=0.0)
 
 
-def deskewed(scans: Sequence[Scan], times: np.ndarray, odometry: np.ndarray, notes: list[str]) -> list[Scan]:
+def deskewed(
+    scans: Sequence[Scan], times: np.ndarray, odometry: np.ndarray, max_speeds: tuple[float, float], notes: list[str]
+) -> list[Scan]:
     """Return scans whose beams are all measured at the stamp, corrected by odometry; add warnings to `notes`.
 
-    `times`: shape (n,), ascending [s]. `odometry`: base poses at `times`, shape (n, 3) [m, m, rad].
+    `times`: shape (n,), ascending [s]. `odometry`: base poses at `times`, shape (n, 3) [m, m, rad]. Motions beyond
+    `max_speeds` (forward [m/s], yaw rate [rad/s]) are jumps and not corrected.
     """
     intervals = np.diff([scan.time for scan in scans])
     interval = float(np.median(intervals[intervals > 0.0])) if (intervals > 0.0).any() else math.inf
@@ -174,8 +177,10 @@ def deskewed(scans: Sequence[Scan], times: np.ndarray, odometry: np.ndarray, not
             first, last = np.searchsorted(times, [at.min(), at.max()]).tolist()
             near = slice(max(first - 1, 0), last + 1)
             poses = interpolate_poses(times[near], odometry[near], at)
-            ranges = resampled(scan, scan.position, scan.first, scan.step, len(scan.ranges), poses)
-            result[k] = scan._replace(ranges=ranges)
+            motion = np.array([each.max() for each in trajectory_errors(poses[:1], poses)])
+            if (motion <= np.multiply(max_speeds, np.ptp(at) + CLOCK_JITTER)).all():
+                ranges = resampled(scan, scan.position, scan.first, scan.step, len(scan.ranges), poses)
+                result[k] = scan._replace(ranges=ranges)
     return result
 
 

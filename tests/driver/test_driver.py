@@ -215,9 +215,11 @@ def test_unusable_messages_are_dropped_and_counted():
         driver.scan(np.ones(3), 9.0)
 
 
-def test_a_jump_of_odometry_does_not_move_the_robot():
-    driver = Driver(make_explorer("pursuit"), BURGER)
-    messages = loop_with(driver)
+@pytest.mark.parametrize("scan_time", [0.0, 0.5])
+def test_a_jump_of_odometry_does_not_move_the_robot(scan_time):
+    driver, burger = Driver(make_explorer("pursuit"), BURGER), load_robot(BURGER)
+    robot = dataclasses.replace(burger, lidar=dataclasses.replace(burger.lidar, scan_time=scan_time))
+    messages = Loop(driver, SimulatedRobot("turtlebot3_house", robot, seed=3))
     messages.run(5.0)
     messages.robot.simulator.rows.numbers[0, records.ODOMETRY_POSE] = 40.0
     messages.run(3.0)

@@ -83,6 +83,23 @@ def test_wrong_times_are_ignored_with_a_note(tmp_path, given):
     assert f"time_increment of 15 of 15 scans is ignored: {given:g} s between beams, but 0.18 s" in log.notes[0]
 
 
+def test_scans_during_a_jump_of_odometry_are_not_corrected(tmp_path):
+    exact = load_log(record(tmp_path / "exact", PERIOD, given=0.0))
+
+    def messages(m):
+        yield "/tf_static", m.transforms(0.0, ("base_link", "laser", 0.1, 0.0, 0.0, 0.0))
+        for k in range(201):
+            yield "/odom", m.odometry(100.0 + k / 50.0, *np.add(pose_at(k / 50.0), (0.0, 5.0 * (k > 70), 0.0)).tolist())
+        for k, ranges in enumerate(exact.ranges):
+            scan = m.scan(100.25 + k * PERIOD, ranges, angle_min=-math.pi, step=2.0 * math.pi / BEAMS)
+            scan.time_increment = PERIOD / BEAMS
+            yield "/scan", scan
+
+    log = load_log(write_bag(tmp_path / "jump", messages))
+    spans = [np.array_equal(one, other, equal_nan=True) for one, other in zip(log.ranges, exact.ranges)]
+    assert np.flatnonzero(spans).tolist() == [6]  # from 1.33 to 1.51 s; the jump is at 1.4 s
+
+
 def test_odometry_that_is_exact_needs_no_scales(tmp_path):
     def messages(m):
         yield "/tf_static", m.transforms(0.0, ("base_link", "laser", 0.1, 0.0, 0.0, 0.0))
