@@ -16,7 +16,7 @@ from lidarnaut.baselines import EXPLORERS, OFFERED
 from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.logs import messages
-from lidarnaut.envs.logs.scans import Limits, Scan, in_base_frame, resampled, usable_scans
+from lidarnaut.envs.logs.scans import Limits, Scan, in_base_frame, resampled, usable_scans, with_checked_times
 from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, seconds
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.robots import LidarParams, Mount, RobotParams, load_robot
@@ -73,7 +73,8 @@ class Options:
     """Take beams and mount of the lidar from the first scan and `/tf_static`; otherwise, scans are resampled to the
     beams of the robot YAML."""
     no_return: str = "inf"
-    """Meaning of ranges that rosbridge sends as null: `inf` (no return) or `nan` (invalid)."""
+    """Meaning of ranges that rosbridge sends as null: `inf` (no return) or `nan` (invalid); with `zero`, as with this
+    key of the robot's lidar, ranges of 0.0 are no return as well."""
     use_sim_time: bool = False
     """Take the time from `/clock`."""
     stamped: bool = False
@@ -109,8 +110,8 @@ class Session:
             ValueError: an option has a value that is not allowed.
             lidarnaut.agents.run_folder.CheckpointError: the policy cannot be loaded.
         """
-        if options.no_return not in ("inf", "nan"):
-            raise ValueError(f"no_return must be 'inf' or 'nan', got {options.no_return!r}")
+        if options.no_return not in ("inf", "nan", "zero"):
+            raise ValueError(f"no_return must be 'inf', 'nan' or 'zero', got {options.no_return!r}")
         if options.goal is not None and len(options.goal) not in (2, 3):
             raise ValueError(f"goal must be x, y, and optionally a heading, got {options.goal}")
         for name in ("control_hz", "max_v", "max_w"):
@@ -122,7 +123,8 @@ class Session:
         self._lock, self._tree = threading.RLock(), FrameTree()
         robot = load_robot(options.robot)
         max_v, max_w = options.max_v or robot.max_v, options.max_w or robot.max_w
-        self._robot = replace(robot, max_v=min(max_v, robot.max_v), max_w=min(max_w, robot.max_w))
+        lidar = replace(robot.lidar, no_return="zero") if options.no_return == "zero" else robot.lidar
+        self._robot = replace(robot, lidar=lidar, max_v=min(max_v, robot.max_v), max_w=min(max_w, robot.max_w))
         self._recorder: BagRecorder | None = None
         self.driver: Driver | None = None
         first = self._make_driver(self._robot)  # also checks the options
@@ -130,6 +132,7 @@ class Session:
             self._use(first)
         self._laser_frame, self._ignored = options.laser_frame, set[str]()
         self._mount: np.ndarray | None = None
+        self._scan_stamp, self._ignores_times = -math.inf, False
         self._permitted = -math.inf
         self._map_time = -math.inf
         self._sim_time, self._said = math.nan, "not asked yet"
@@ -228,16 +231,22 @@ class Session:
         self._laser_frame = self._laser_frame or frame
         if not self._is_in(message.header, self._laser_frame):
             return
-        missing = math.inf if self.options.no_return == "inf" else math.nan
+        missing = math.nan if self.options.no_return == "nan" else math.inf
         with np.errstate(over="ignore"):  # out of range
             ranges = np.array([missing if each is None else each for each in message.ranges], dtype=np.float32)
         beams = message.angle_min, message.angle_increment, message.range_min, message.range_max
+        scan = Scan(ranges, *beams, time=stamp, time_increment=float(getattr(message, "time_increment", 0.0) or 0.0))
+        interval, self._scan_stamp = stamp - self._scan_stamp, stamp
+        checked = with_checked_times(scan, interval if interval > 0.0 else math.inf)
+        if checked is not scan and not self._ignores_times:
+            self._ignores_times = True
+            text = "time_increment of scans is ignored: %g s for each of %d beams, but %.3g s between scans"
+            LOGGER.warning(text, scan.time_increment, len(ranges), interval)
         with self._lock:
-            scan = self._in_base_frame(Scan(ranges, *beams, time=stamp), frame)
-            if scan is not None:
+            if (placed := self._in_base_frame(checked, frame)) is not None:
                 if self.driver is None:
-                    self._use(self._make_driver(replace(self._robot, lidar=self._lidar_of(scan))))
-                self.driver.scan(_on_beams(scan, self.driver.robot.lidar), stamp)  # type: ignore[union-attr]
+                    self._use(self._make_driver(replace(self._robot, lidar=self._lidar_of(placed))))
+                self.driver.scan(*_on_beams(placed, self.driver.robot.lidar))  # type: ignore[union-attr]
 
     def _in_base_frame(self, scan: Scan, frame: str) -> Scan | None:
         """Return a usable scan, placed by `/tf_static`, otherwise by the robot YAML."""
@@ -258,8 +267,8 @@ class Session:
     def _lidar_of(self, scan: Scan) -> LidarParams:
         fov, count = scan.step * (len(scan.ranges) - 1), len(scan.ranges)
         mount = Mount(*scan.position, yaw=scan.first + 0.5 * fov)
-        limits = {"range_min": scan.range_min, "range_max": scan.range_max}
-        return replace(self._robot.lidar, num_beams=count, fov=fov, mount=mount, **limits)
+        low, high = scan.range_min, scan.range_max
+        return replace(self._robot.lidar, num_beams=count, fov=fov, mount=mount, range_min=low, range_max=high)
 
     def _on_goal(self, message: Any) -> None:
         pose = message.pose
@@ -347,13 +356,16 @@ class Session:
             save_map(crop_to_known(self.driver.belief.grid), self.options.save_map)
 
 
-def _on_beams(scan: Scan, lidar: LidarParams) -> np.ndarray:
+def _on_beams(scan: Scan, lidar: LidarParams) -> tuple[np.ndarray, float, np.ndarray]:
+    """Return the ranges of a lidar's beams, the stamp [s] and the time of each beam after it [s]."""
     first, step = lidar.mount.yaw + lidar.angle_min, lidar.angle_increment
     shift = math.hypot(scan.position[0] - lidar.mount.x, scan.position[1] - lidar.mount.y)
     is_same = len(scan.ranges) == lidar.num_beams and abs(scan.step - step) < 1e-4 and shift < 1e-3
     if is_same and abs(wrap_angle(scan.first - first)) < 0.1 * step:
-        return scan.ranges
-    return resampled(scan, (lidar.mount.x, lidar.mount.y), first, step, lidar.num_beams)
+        return scan.ranges, scan.time, scan.delays
+    ranges = resampled(scan, (lidar.mount.x, lidar.mount.y), first, step, lidar.num_beams)
+    steps = (lidar.angles + lidar.mount.yaw - scan.first + 0.5 * scan.step) % (2.0 * math.pi) / scan.step - 0.5
+    return ranges, scan.time, scan.delay + scan.time_increment * np.clip(steps, 0.0, len(scan.ranges) - 1.0)
 
 
 def yaw_of(quaternion: Any) -> float:

@@ -16,7 +16,7 @@ from lidarnaut.envs.arguments import check_positive, is_pose
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
-from lidarnaut.envs.logs.scans import Scan, resampled
+from lidarnaut.envs.logs.scans import MAX_SWEEP, Scan, advise_on_zeros, resampled
 from lidarnaut.envs.logs.trajectory import MAX_CLOCK_JUMP
 from lidarnaut.envs.robots import RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
@@ -42,11 +42,11 @@ class Driver:
     Estimation, observations, policy and limits are those of a `LidarEnv`; messages replace its simulator. Pass messages
     as they arrive, and call `command` at the rate `control_hz`. Stamps are times of measurement [s] of one clock.
 
-    A scan is used once odometry covers its stamp, and then the newest one. It is shown as from the pose of the newest
-    odometry, which the command is for. Without a new scan, the last command holds. Messages that are not finite, or not
-    newer than the last one of their kind, are dropped; after a step of the clock back by more than a second, all kinds
-    begin anew. Between the last scan before a pause and the first one after it, the policy's clock stands. Calls must
-    come from one thread at a time.
+    A scan is used once odometry covers all its beams, and then the newest one. It is shown as from the pose of the
+    newest odometry, which the command is for. Without a new scan, the last command holds. Messages that are not finite,
+    or not newer than the last one of their kind, are dropped; after a step of the clock back by more than a second, all
+    kinds begin anew. Between the last scan before a pause and the first one after it, the policy's clock stands. Calls
+    must come from one thread at a time.
     """
 
     def __init__(
@@ -114,25 +114,37 @@ class Driver:
         self._wheels = WheelMotion(robot, odometry_scales, uses_encoders=motion == "encoders")
         self._scans, self._rates = (deque[tuple[float, Any]]() for _ in range(2))
         self._newest: dict[str, float] = {}
-        self._fault, self._touched = "", False
+        self._fault, self._touched, self._advice, self._jump_stamp = "", False, "", -math.inf
         self._stamp, self._scan_stamp, self._offset, self._time = -math.inf, -math.inf, 0.0, 0.0
         self._commands = [STOP]
 
-    def scan(self, ranges: np.ndarray, stamp: float) -> None:
-        """Receive a scan: ranges, shape (num_beams,) [m]; +inf is no return, NaN or 0 an invalid beam.
+    def scan(self, ranges: np.ndarray, stamp: float, delays: np.ndarray | None = None) -> None:
+        """Receive a scan: ranges, shape (num_beams,) [m]; +inf is no return, NaN an invalid beam, 0 see `no_return`.
+
+        `delays`: time of each beam after the stamp, shape (num_beams,) [s]; None for beams measured at once.
 
         Raises:
-            ValueError: another number of beams than the robot's lidar has.
+            ValueError: another number of beams than the robot's lidar has, or delays of more than a second.
         """
         ranges, lidar = np.array(ranges, dtype=np.float32), self.robot.lidar
         if ranges.shape != (lidar.num_beams,):
             raise ValueError(f"scan must have {lidar.num_beams} ranges, got shape {ranges.shape}")
-        ranges[~(ranges >= lidar.range_min)] = np.nan
+        delays = np.zeros(len(ranges)) if delays is None else np.array(delays, dtype=np.float64)
+        if not (delays.shape == ranges.shape and np.abs(delays).max() <= MAX_SWEEP):
+            raise ValueError(f"delays must have shape {ranges.shape}, and be at most {MAX_SWEEP:g} s, got {delays}")
+        is_zero = ranges == 0.0
+        ranges[~(ranges >= lidar.range_min) | is_zero] = np.nan
         ranges[ranges > lidar.range_max] = np.inf
+        if lidar.no_return == "zero":
+            ranges[is_zero] = np.inf
+        elif not self._advice:
+            self._advice = advise_on_zeros(int(is_zero.sum()), int(np.isposinf(ranges).sum()), len(ranges))
+            if self._advice:
+                LOGGER.warning("%s", self._advice)
         if np.isnan(ranges).all():
             self._drop("scan without a valid beam")
         else:
-            self._receive("scan", self._scans, stamp, ranges)
+            self._receive("scan", self._scans, stamp, (ranges, delays))
 
     def odometry(self, pose: Sequence[float], stamp: float) -> None:
         """Receive a base pose (x, y, theta) in the odometry frame [m, m, rad]; ValueError with `motion="encoders"`."""
@@ -223,7 +235,7 @@ class Driver:
                 self.env.robots[0].action = (0.0, 0.0)
         return self._commands[0]
 
-    def _receive(self, kind: str, messages: deque[tuple[float, Any]], stamp: float, content: np.ndarray) -> None:
+    def _receive(self, kind: str, messages: deque[tuple[float, Any]], stamp: float, content: Any) -> None:
         last = self._newest.get(kind, -math.inf)
         if not math.isfinite(stamp) or (kind != "scan" and not np.isfinite(content).all()):
             self._drop(f"{kind} that is not finite")
@@ -233,7 +245,7 @@ class Driver:
             for each in (self._scans, self._wheels.messages, self._rates):
                 each.clear()
             self._newest.clear()
-            self._stamp = self._scan_stamp = -math.inf
+            self._stamp = self._scan_stamp = self._jump_stamp = -math.inf
         elif stamp <= last:
             self._drop(f"{kind} that is not newer than the last")
             return
@@ -246,21 +258,21 @@ class Driver:
         self.dropped[reason] += count
         self._fault = reason
 
-    def _next_scan(self) -> tuple[float, np.ndarray] | None:
+    def _next_scan(self) -> tuple[float, Any] | None:
         messages = self._wheels.messages
         first, newest = (messages[0][0], messages[-1][0]) if messages else (math.inf, -math.inf)
         found = None
-        while newest > self._stamp and self._scans and self._scans[0][0] <= newest:
+        while newest > self._stamp and self._scans and self._scans[0][0] + self._scans[0][1][1].max() <= newest:
             found = self._scans.popleft()
         if found is not None and found[0] < min(first, self._stamp):
             self._drop("scan before the odometry")
             return None
         return found
 
-    def _use(self, scan_stamp: float, ranges: np.ndarray) -> None:
+    def _use(self, scan_stamp: float, scan: tuple[np.ndarray, np.ndarray]) -> None:
         """Estimate and observe the state at the newest odometry."""
         wheels, is_first = self._wheels, not self.has_begun
-        stamp, before = wheels.messages[-1][0], wheels.ticks
+        stamp, before, (ranges, delays) = wheels.messages[-1][0], wheels.ticks, scan
         if is_first:
             self._offset = stamp
         elif not stamp - self._stamp <= self.timeout:  # a pause, or another clock
@@ -268,8 +280,10 @@ class Driver:
         self._time, self._scan_stamp = stamp - self._offset, scan_stamp
         if num_jumps := wheels.advance(self._stamp, self.timeout, is_first=is_first):
             self._drop(f"jump of {'encoders' if wheels.uses_encoders else 'odometry'}", num_jumps)
-        elif scan_stamp != stamp:
-            ranges = self._moved(ranges, *wheels.poses(np.array([scan_stamp, stamp])))
+            self._jump_stamp = stamp
+        elif scan_stamp + delays.min() >= self._jump_stamp and (scan_stamp != stamp or delays.any()):
+            times = scan_stamp + (delays if delays.any() else delays[:1])
+            ranges = self._moved(ranges, wheels.poses(np.append(stamp, times)))
         rates = [rate for time, rate in self._rates if time <= stamp]
         yaw_rate = float(np.mean(rates)) if rates else 0.0
         if not (rates or is_first):
@@ -286,14 +300,12 @@ class Driver:
             self.env.advance(self._commands)
             self._observation = self.env.observe()
 
-    def _moved(self, ranges: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """Return the ranges of a scan from the base pose `before` as from the pose `after`."""
+    def _moved(self, ranges: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Return the ranges of a scan as from the first of `poses`; the others are those of its beams."""
         lidar = self.robot.lidar
-        mount = Pose2D(lidar.mount.x, lidar.mount.y, 0.0)
-        x, y, theta = Pose2D(*after).compose(mount).between(Pose2D(*before).compose(mount))
-        first, step = lidar.mount.yaw + lidar.angle_min, lidar.angle_increment
-        scan = Scan(ranges, first + theta, step, lidar.range_min, lidar.range_max, position=(x, y, 0.0))
-        return resampled(scan, (0.0, 0.0), first, step, lidar.num_beams)
+        mount, first = lidar.mount, lidar.mount.yaw + lidar.angle_min
+        scan = Scan(ranges, first, lidar.angle_increment, lidar.range_min, lidar.range_max, (mount.x, mount.y, mount.z))
+        return resampled(scan, (mount.x, mount.y), first, lidar.angle_increment, lidar.num_beams, poses)
 
     def _why_stopped(self, stamp: float) -> str:
         missing, fault = "odometry" if self._scans else "scan", f" (dropped: {self._fault})" if self._fault else ""

@@ -41,7 +41,7 @@ class Options:
     rate: float = 50.0
     """Odometry messages per simulated second [Hz]."""
     scan_rate: float = 10.0
-    """Scans per simulated second [Hz]."""
+    """Scans per simulated second [Hz]; at most one per turn of a lidar that spins."""
     speed: float = 1.0
     """Simulated seconds per second."""
     timeout: float = 0.5
@@ -69,7 +69,7 @@ class Server:
             o.world, o.robot, physics=o.physics, people=o.people or None, start=o.start, rate=o.rate, seed=o.seed
         )
         self._bridge, self._command, self._commanded = bridge, Twist(0.0, 0.0), -math.inf
-        self._next_scan = 0.0
+        self._next_scan = self.robot.robot.lidar.scan_time
         for topic, kind in {
             "/clock": "rosgraph_msgs/msg/Clock",
             o.odom_topic: "nav_msgs/msg/Odometry",
@@ -97,10 +97,13 @@ class Server:
         publish(o.imu_topic, messages.imu(now, robot.reading.yaw_rate))
         publish("/tf", messages.transforms(now, (messages.ODOM, messages.BASE, robot.odometry)))
         if robot.time >= self._next_scan - 1e-9:
-            self._next_scan += 1.0 / o.scan_rate
+            period = max(1.0 / o.scan_rate, lidar.scan_time)
+            self._next_scan += period
+            clear, invalid = (0.0, -1.0) if lidar.no_return == "zero" else (lidar.range_max + 1.0, 0.0)
             # rosbridge refuses infinite numbers and NaN; numbers outside of the limits mean the same.
-            ranges = np.nan_to_num(robot.reading.ranges, nan=0.0, posinf=lidar.range_max + 1.0)
-            publish(o.scan_topic, messages.laser_scan(now, ranges, lidar, 1.0 / o.scan_rate))
+            ranges = np.nan_to_num(robot.reading.ranges, nan=invalid, posinf=clear)
+            began = now - lidar.time_increment * (lidar.num_beams - 1)
+            publish(o.scan_topic, messages.laser_scan(began, ranges, lidar, period, lidar.time_increment))
         is_fresh = robot.time - self._commanded <= o.timeout
         robot.step(self._command if is_fresh else Twist(0.0, 0.0))
 

@@ -41,6 +41,7 @@ class SimulatedRobot:
         self.start = self.world.spawns[0] if start == "spawn" else self.area.draw_pose(rng)
         """True pose of the odometry frame, world frame."""
         self.simulator = make_simulator(physics, self.robot, self.period, crowd=crowd_of(people))
+        self.simulator.deskews = False
         crowd_rng = rng if self.simulator.crowd.crowd else None
         (self.reading,) = self.simulator.reset(self.world, [self.start], [rng.spawn(1)[0]], crowd_rng)
 

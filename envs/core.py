@@ -369,6 +369,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             return f"{kind.__name__} overrides {own[0]}"
         if self._fixed_info:
             return "fixed_info adds entries of the last step to every info"
+        if self.robot.lidar.scan_time:
+            return "scans of a lidar that spins are deskewed in Python"
         return "" if physics is KinematicSimulator else f"{physics.__name__} steps in Python"
 
     @property

@@ -62,7 +62,8 @@ class Loop:
 
     def run(self, seconds: float, watch: Callable[[], bool] = lambda: False) -> bool:
         """Simulate for a time [s], or until `watch`, called after each command, returns True; return that value."""
-        robot, driver, end = self.robot, self.driver, self.robot.time + seconds
+        robot, driver, end, lidar = self.robot, self.driver, self.robot.time + seconds, self.robot.robot.lidar
+        delays = lidar.time_increment * np.arange(1 - lidar.num_beams, 1)  # a scan ends when it is sent
         while robot.time < end - 1e-9:
             now = robot.time
             self._send("odometry", tuple(robot.odometry), self.link.odometry_delay)
@@ -75,7 +76,7 @@ class Loop:
             self._pending = [each for each in self._pending if each[0] > now + 1e-9]
             began = time.process_time()
             for _, kind, content, stamp in arrived:
-                (driver.odometry if kind == "odometry" else driver.scan)(content, stamp)
+                (driver.odometry if kind == "odometry" else partial(driver.scan, delays=delays))(content, stamp)
             is_due = now >= self._next_command - 1e-9
             if is_due:
                 self._next_command += PERIOD

@@ -66,6 +66,8 @@ def _type(field: dict[str, Any]) -> str:
         return f"list of {len(field['prefixItems'])}: {' or '.join(kinds)}"
     if "items" in field:
         return f"list of {_type(field['items'])}s"
+    if "enum" in field:
+        return " or ".join(f"`{value}`" for value in field["enum"])
     known = {name: field[name] for name in LIMITS if abs(field.get(name, math.inf)) < robot_params.MAX_NUMBER}
     limits = ", ".join(f"{LIMITS[name]}\N{NO-BREAK SPACE}{_number(value)}" for name, value in known.items())
     return "\N{NO-BREAK SPACE}".join(filter(None, (NAMES[field["type"]], limits)))
@@ -76,6 +78,8 @@ def _default(value: Any) -> str:
         return _number(value)
     if isinstance(value, dict):
         return "the defaults below"
+    if isinstance(value, str) and value:
+        return f"`{value}`"
     return "`[]`" if value == [] else {None: "none", "": "empty", True: "`true`", False: "`false`"}[value]
 
 

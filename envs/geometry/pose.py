@@ -34,6 +34,13 @@ def between(x, y, theta, other_x, other_y, other_theta):
     return c * dx + s * dy, c * dy - s * dx, wrap_angle(other_theta - theta)
 
 
+def between_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
+    """Return `child` poses relative to `parent` poses, shape (n, 3) [m, m, rad]."""
+    c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
+    dx, dy = (child - parent)[:, :2].T
+    return np.stack([c * dx + s * dy, -s * dx + c * dy, wrap_angle(child[:, 2] - parent[:, 2])], axis=1)
+
+
 class Pose2D(NamedTuple):
     """2D pose, or rigid transform from the pose's frame to the parent frame."""
 

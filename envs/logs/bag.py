@@ -84,13 +84,14 @@ def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[li
     size = 0
     for message in bag.messages(topic):
         ranges = np.array(message.ranges, dtype=np.float32)
-        ranges[ranges <= 0.0] = np.nan
+        ranges[ranges < 0.0] = np.nan
         size += ranges.nbytes
         if size > MAX_BYTES:
             raise bag.error(f"{topic}: unpacks to {size:,} bytes; at most {MAX_BYTES:,} are allowed")
         beams = float(message.angle_min), float(message.angle_increment)
         limits = float(message.range_min), float(message.range_max)
         scan = Scan(ranges, *beams, *limits, time=seconds(message.header.stamp))
+        scan = scan._replace(time_increment=float(message.time_increment))
         scans.setdefault(frame_name(message.header.frame_id), []).append(scan)
     frame = laser_frame if laser_frame in scans else next(iter(scans))
     if len(scans) > 1 and frame != laser_frame:

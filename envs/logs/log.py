@@ -15,7 +15,7 @@ from lidarnaut.envs.robots import LidarParams, Mount
 
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
-from .scans import Limits, LogContent, Scan, common_beams, usable_scans
+from .scans import Limits, LogContent, Scan, advise_on_zeros, common_beams, deskewed, usable_scans
 from .trajectory import (
     MAX_SPEEDS,
     bridge_glitches,
@@ -106,6 +106,7 @@ def load_log(
     odom_frame: str | None = None,
     laser_frame: str | None = None,
     max_speeds: tuple[float, float] = MAX_SPEEDS,
+    no_return: str = "inf",
 ) -> Log:
     """Read a log: arrays (.npz), CARMEN text (.log, .clf, also gzipped), or a ROS 1 or ROS 2 bag.
 
@@ -124,6 +125,7 @@ def load_log(
         odom_frame: odometry frame of a bag; default: frame of the messages, or `odom`.
         laser_frame: lidar frame of a bag, if ambiguous or named differently in transforms.
         max_speeds: the robot's maximum forward speed [m/s] and yaw rate [rad/s].
+        no_return: meaning of ranges of 0.0, see `LidarParams.no_return`.
 
     Raises:
         FileNotFoundError: no such file.
@@ -146,6 +148,8 @@ def load_log(
         raise ValueError(
             f"{path}: field_of_view (--field-of-view) is for CARMEN logs only, in (0, 2 pi] rad, got {field_of_view:g}"
         )
+    if no_return not in ("inf", "zero"):
+        raise ValueError(f"no_return must be 'inf' or 'zero', got {no_return!r}")
     if is_bag(path):
         recording = read_bag(path, **of_bags)
     elif path.suffix == ".npz":
@@ -156,7 +160,7 @@ def load_log(
         known = ".npz, .log, .log.gz, .clf, .clf.gz, .bag, .mcap and folders with metadata.yaml"
         raise ValueError(f"{path}: unknown type of log; known types are {known}")
     try:
-        log = _make_log(recording, Limits(min_range, max_range), max_speeds)
+        log = _make_log(recording, Limits(min_range, max_range), max_speeds, no_return)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     for note in log.notes:
@@ -164,7 +168,7 @@ def load_log(
     return log
 
 
-def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, float]) -> Log:
+def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, float], no_return: str) -> Log:
     limits.check()
     scans, faults = usable_scans(recording.scans, limits)
     of_all = f"of {len(recording.scans)} scans are left out"
@@ -174,7 +178,12 @@ def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, fl
         scans, times, odometry, rows = _interpolated(scans, times, odometry, of_all, notes)
     else:
         rows = np.array([scan.row for scan in scans])
-    readings = [_read(scan, recording.reaches_limit and limits.max_range is None) for scan in scans]
+    readings = [_read(scan, recording.reaches_limit and limits.max_range is None, no_return) for scan in scans]
+    num_zeros = int(sum((scan.ranges == 0.0).sum() for scan in scans))
+    num_clear = int(sum((scan.ranges == np.inf).sum() for scan in readings))
+    if no_return == "inf" and (advice := advise_on_zeros(num_zeros, num_clear, sum(len(one.ranges) for one in scans))):
+        notes.append(advice)
+    readings = deskewed(readings, times, odometry, max_speeds, notes)
     ranges, first, step, (x, y, z) = common_beams(readings)
     low, high = min(scan.range_min for scan in scans), max(scan.range_max for scan in scans)
     fov = step * (ranges.shape[1] - 1)
@@ -204,9 +213,11 @@ def _interpolated(
     return kept, every, interpolate_poses(times, odometry, every), rows
 
 
-def _read(scan: Scan, reaches_limit: bool) -> Scan:
+def _read(scan: Scan, reaches_limit: bool, no_return: str) -> Scan:
     ranges = scan.ranges
     is_return = ranges <= scan.range_max if reaches_limit else ranges < scan.range_max
     ranges = np.where(is_return | np.isnan(ranges), ranges, np.float32(np.inf))
     ranges[((ranges < scan.range_min) & (ranges >= 0.0)) | (ranges == 0.0)] = np.nan
+    if no_return == "zero":
+        ranges[scan.ranges == 0.0] = np.inf
     return scan._replace(ranges=ranges)

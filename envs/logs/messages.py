@@ -28,12 +28,15 @@ def clock(time: float) -> Any:
     return _make("rosgraph_msgs/msg/Clock", _stamp(time))
 
 
-def laser_scan(time: float, ranges: np.ndarray, lidar: LidarParams, period: float) -> Any:
-    """Return a `sensor_msgs/LaserScan` of ranges, shape (num_beams,), float32 [m]; `period`: time between scans [s]."""
+def laser_scan(time: float, ranges: np.ndarray, lidar: LidarParams, period: float, time_increment: float = 0.0) -> Any:
+    """Return a `sensor_msgs/LaserScan` of ranges, shape (num_beams,), float32 [m].
+
+    `time`: that of the first beam [s]; `time_increment`: time between beams [s]; `period`: time between scans [s].
+    """
     first, last = lidar.angles[[0, -1]].tolist()
     limits = (lidar.range_min, lidar.range_max)
     no_intensities = np.array([], dtype=np.float32)
-    beams = (first, last, lidar.angle_increment, 0.0, period, *limits)
+    beams = (first, last, lidar.angle_increment, time_increment, period, *limits)
     return _make("sensor_msgs/msg/LaserScan", _header(time, LASER), *beams, ranges, no_intensities)
 
 

@@ -64,6 +64,9 @@ class Options:
     """Readings of at least this range count as no return [m]; default: the log's limit."""
     min_range: float | None = None
     """Readings below this range are ignored [m]; default: the log's limit."""
+    no_return: str | None = None
+    """Meaning of ranges of 0.0: `zero` (no return, as of the LDS-01) or `inf` (invalid); default: that of `--robot`,
+    otherwise `inf`."""
     field_of_view: float | None = None
     """Angle from first to last beam of CARMEN's FLASER lines [rad]; default: as in CARMEN."""
     thin: tuple[float, float] | None = None
@@ -82,7 +85,7 @@ class Options:
     """Lidar frame in a bag, if ambiguous or named differently in transforms."""
     robot: str | None = None
     """Robot name or YAML file that sets odometry speed limits: 1.5 times the robot's maximum speeds. Faster motions are
-    interpolated or reported. Default: 5 m/s and 10 rad/s."""
+    interpolated or reported. Default: 5 m/s and 10 rad/s. Its lidar sets `no_return`."""
 
 
 def main(options: Options) -> list[Run]:
@@ -102,7 +105,9 @@ def main(options: Options) -> list[Run]:
     further: dict[str, Any] = {name: getattr(options, name) for name in how}
     if options.robot is not None:
         robot = load_robot(options.robot)
-        further["max_speeds"] = 1.5 * robot.max_v, 1.5 * robot.max_w
+        further |= {"max_speeds": (1.5 * robot.max_v, 1.5 * robot.max_w), "no_return": robot.lidar.no_return}
+    if options.no_return is not None:
+        further["no_return"] = options.no_return
     log = load_log(options.log, options.max_range, **further)
     log = dataclasses.replace(log, times=log.times + options.time_offset)
     if options.thin is not None:

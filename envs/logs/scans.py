@@ -7,16 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidarnaut.envs.geometry.scan_resampling import SAME_POSITION, resample_scan
 from lidarnaut.envs.robots.robot_params import MAX_BEAMS, MAX_LENGTH
+
+from .trajectory import CLOCK_JITTER, interpolate_poses, trajectory_errors
 
 MAX_RANGE_LIMIT = 1000.0
 """Maximum plausible range limit of a lidar [m]; some drivers report inf."""
 SAME_BEAMS = 0.1
 """Beam angles that differ by less than this share of the angle increment count as equal."""
-SAME_POSITION = 1e-3
-"""Smaller differences between lidar positions are ignored [m]."""
-SAME_SURFACE = 0.1
-"""Maximum range difference of adjacent beams on one surface [share of the shorter range]."""
+MANY_ZEROS = 0.1
+"""Minimum share of ranges of 0.0 for advice on their meaning."""
+MAX_SWEEP = 1.0
+"""Maximum plausible duration of a scan [s]; some drivers give wrong `time_increment`s."""
+MAX_SHARE_OF_INTERVAL = 2.0
+"""Maximum plausible duration of a scan, divided by the usual time between scans, which varies."""
 FULL_TURN, MAX_TURN = 2.0 * math.pi - 1e-6, 2.1 * math.pi
 """Minimum field of view of a full turn, and maximum valid field of view [rad]."""
 
@@ -39,7 +44,16 @@ class Scan(NamedTuple):
     row: int | None = None
     """Index of the odometry pose at the scan; None to interpolate odometry at `time`."""
     time: float = math.nan
-    """Time of the scan [s]."""
+    """Stamp: time of the pose of the scan [s]."""
+    time_increment: float = 0.0
+    """Time between successive beams [s]; 0 for beams measured at once, negative if earlier beams are measured later."""
+    delay: float = 0.0
+    """Time of the first beam after the stamp [s]; 0 in messages."""
+
+    @property
+    def delays(self) -> np.ndarray:
+        """Time of each beam after the stamp, shape (num_beams,), float64 [s]."""
+        return self.delay + self.time_increment * np.arange(len(self.ranges))
 
 
 class LogContent(NamedTuple):
@@ -66,6 +80,14 @@ class Limits(NamedTuple):
         for name, value in self._asdict().items():
             if value is not None and not (0.0 <= value < math.inf and (value or name == "min_range")):
                 raise ValueError(f"{name} (--{name.replace('_', '-')}) must be positive, got {value:g}")
+
+
+def advise_on_zeros(num_zeros: int, num_clear: int, num_beams: int) -> str:
+    """Return advice if a lidar seems to report no return as 0.0; empty if not. `num_clear`: beams without return."""
+    if num_zeros < MANY_ZEROS * num_beams or num_zeros <= num_clear:
+        return ""
+    share = f"{100.0 * num_zeros / num_beams:.0f} % of the beams are 0.0, which counts as invalid and clears nothing"
+    return f"{share}; if 0.0 is the lidar's no return, as the LDS-01's, set no_return to zero (--no-return zero)"
 
 
 def in_base_frame(scan: Scan, mount: np.ndarray) -> Scan:
@@ -124,7 +146,42 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
         return scan, f"{len(scan.ranges)} beams in steps of {step:g} rad cover more than a turn{hint}"
     if step < 0.0:
         ranges, first, step = ranges[::-1], first + step * (count - 1), -step
+        scan = scan._replace(time_increment=-scan.time_increment, delay=scan.time_increment * (count - 1))
     return scan._replace(ranges=ranges, first=first, step=step, range_min=low, range_max=high), ""
+
+
+def with_checked_times(scan: Scan, interval: float) -> Scan:
+    """Return a scan; without times of its beams if they take longer than the time between scans, `interval` [s]."""
+    if abs(scan.time_increment) * (len(scan.ranges) - 1) <= min(MAX_SWEEP, MAX_SHARE_OF_INTERVAL * interval):
+        return scan
+    return scan._replace(time_increment=0.0, delay=0.0)
+
+
+def deskewed(
+    scans: Sequence[Scan], times: np.ndarray, odometry: np.ndarray, max_speeds: tuple[float, float], notes: list[str]
+) -> list[Scan]:
+    """Return scans whose beams are all measured at the stamp, corrected by odometry; add warnings to `notes`.
+
+    `times`: shape (n,), ascending [s]. `odometry`: base poses at `times`, shape (n, 3) [m, m, rad]. Motions beyond
+    `max_speeds` (forward [m/s], yaw rate [rad/s]) are jumps and not corrected.
+    """
+    intervals = np.diff([scan.time for scan in scans])
+    interval = float(np.median(intervals[intervals > 0.0])) if (intervals > 0.0).any() else math.inf
+    result = [with_checked_times(scan, interval) for scan in scans]
+    if wrong := [scan.time_increment for scan, one in zip(scans, result) if one is not scan]:
+        limit = f"{wrong[0]:g} s between beams, but {interval:.3g} s between scans (at most {MAX_SWEEP:g} s is allowed)"
+        notes.append(f"time_increment of {len(wrong)} of {len(scans)} scans is ignored: {limit}")
+    for k, scan in enumerate(result):
+        if scan.time_increment != 0.0:
+            at = scan.time + np.append(0.0, scan.delays)
+            first, last = np.searchsorted(times, [at.min(), at.max()]).tolist()
+            near = slice(max(first - 1, 0), last + 1)
+            poses = interpolate_poses(times[near], odometry[near], at)
+            motion = np.array([each.max() for each in trajectory_errors(poses[:1], poses)])
+            if (motion <= np.multiply(max_speeds, np.ptp(at) + CLOCK_JITTER)).all():
+                ranges = resampled(scan, scan.position, scan.first, scan.step, len(scan.ranges), poses)
+                result[k] = scan._replace(ranges=ranges)
+    return result
 
 
 def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple[float, float, float]]:
@@ -156,36 +213,12 @@ def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple
     return ranges, low, step, (x, y, z)
 
 
-def resampled(scan: Scan, position: tuple[float, float], low: float, step: float, num_beams: int) -> np.ndarray:
-    """Return a scan as a lidar at another position (x, y) [m] would measure it, shape (num_beams,), float32 [m].
+def resampled(
+    scan: Scan, position: Sequence[float], low: float, step: float, num_beams: int, poses: np.ndarray | None = None
+) -> np.ndarray:
+    """Return a scan as a lidar at another position would measure it, shape (num_beams,), float32 [m].
 
-    `low`, `step`: first angle and angle increment [rad]. Ranges are interpolated between adjacent beams on one surface,
-    else nearest; NaN outside of the field of view.
+    `position`: x, y [m]. `low`, `step`: first angle and angle increment [rad]. `poses`: see `resample_scan`.
     """
-    ranges = scan.ranges.astype(np.float64)
-    angles = scan.first + scan.step * np.arange(len(ranges))
-    dx, dy = scan.position[0] - position[0], scan.position[1] - position[1]
-    if math.hypot(dx, dy) > SAME_POSITION:
-        hit = np.isfinite(ranges)
-        x, y = dx + ranges[hit] * np.cos(angles[hit]), dy + ranges[hit] * np.sin(angles[hit])
-        angles[hit], ranges[hit] = np.arctan2(y, x), np.hypot(x, y)
-    angles = (angles - low) % (2.0 * math.pi)
-    order = np.argsort(angles, kind="stable")
-    angles, ranges = angles[order], ranges[order]
-    # Every beam needs two neighbors.
-    angles = np.concatenate([angles[-1:] - 2.0 * math.pi, angles, angles[:1] + 2.0 * math.pi])
-    ranges = np.concatenate([ranges[-1:], ranges, ranges[:1]])
-    wanted = step * np.arange(num_beams)
-    right = np.clip(np.searchsorted(angles, wanted), 1, len(angles) - 1)
-    left = right - 1
-    gap = angles[right] - angles[left]
-    share = (wanted - angles[left]) / np.maximum(gap, 1e-12)
-    nearest = np.where(share < 0.5, left, right)
-    result = ranges[nearest]
-    with np.errstate(invalid="ignore"):
-        one = np.abs(ranges[right] - ranges[left]) <= SAME_SURFACE * np.minimum(ranges[left], ranges[right])
-        between = (1.0 - share) * ranges[left] + share * ranges[right]
-    reach = min(max(scan.step, step), 2.0 * step)  # no widening of coarse beams
-    result = np.where(one & (gap < 1.5 * reach) & np.isfinite(between), between, result)
-    result[np.abs(wanted - angles[nearest]) > 0.51 * reach] = np.nan
-    return result.astype(np.float32)
+    angles, beams = scan.first + scan.step * np.arange(len(scan.ranges)), (low, step, num_beams)
+    return resample_scan(scan.ranges, angles, scan.position[:2], position[:2], beams, poses)

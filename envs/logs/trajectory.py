@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.envs.geometry import wrap_angle
+from lidarnaut.envs.geometry.pose import between_poses
 
 MAX_CLOCK_JUMP = 1.0
 """Maximum tolerated backward jump of the clock [s]; the Intel Research Lab log has 0.9 s."""
@@ -114,13 +115,6 @@ def compose_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
     x = parent[:, 0] + c * child[:, 0] - s * child[:, 1]
     y = parent[:, 1] + s * child[:, 0] + c * child[:, 1]
     return np.stack([x, y, wrap_angle(parent[:, 2] + child[:, 2])], axis=1)
-
-
-def between_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
-    """Return `child` poses relative to `parent` poses, shape (n, 3) [m, m, rad]."""
-    c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
-    dx, dy = (child - parent)[:, :2].T
-    return np.stack([c * dx + s * dy, -s * dx + c * dy, wrap_angle(child[:, 2] - parent[:, 2])], axis=1)
 
 
 def trajectory_errors(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

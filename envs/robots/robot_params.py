@@ -1,7 +1,7 @@
 """Robot parameters as Pydantic dataclasses."""
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
@@ -24,6 +24,7 @@ Coordinate = Annotated[float, Field(ge=-MAX_LENGTH, le=MAX_LENGTH)]
 Tilt = Annotated[float, Field(ge=-MAX_TILT, le=MAX_TILT)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=1)]
+NoReturn = Literal["inf", "zero"]
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
@@ -68,6 +69,12 @@ class LidarParams:
     dropout: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     """Probability that a beam returns no measurement."""
     mount: Mount = Mount()
+    scan_time: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """Time of a full turn of the simulated lidar, whose beams are measured one after the other, counter-clockwise [s].
+    Scans are deskewed by odometry, and end at the end of the control period; 0 for all beams at once."""
+    no_return: NoReturn = "inf"
+    """Meaning of ranges of 0.0 in logs and messages of the real lidar: `zero` for no return, as the LDS-01 reports it;
+    `inf` for an invalid beam, if no return is inf or above `range_max` (REP 117)."""
 
     def __post_init__(self) -> None:
         if self.range_min >= self.range_max:
@@ -82,6 +89,11 @@ class LidarParams:
     def angle_min(self) -> float:
         """Angle of the first beam in the sensor frame [rad]."""
         return -self.fov / 2 if self.num_beams > 1 else 0.0
+
+    @property
+    def time_increment(self) -> float:
+        """Time between successive beams [s]; 0 if all are measured at once."""
+        return self.scan_time * self.angle_increment / (2.0 * math.pi)
 
     @property
     def angles(self) -> np.ndarray:

@@ -31,8 +31,8 @@ class Reading(NamedTuple):
     time: float
     """Time since the reset [s]."""
     ranges: np.ndarray
-    """Lidar ranges, shape (num_beams,), float32 [m]: +inf beyond the maximum range, NaN for dropped beams or below the
-    minimum range."""
+    """Lidar ranges, shape (num_beams,), float32 [m]: +inf beyond the maximum range, NaN for dropped beams, below the
+    minimum range, or in the gap of a lidar that spins."""
     ticks: tuple[int, int]
     """Cumulative encoder counts of the left and right wheel."""
     yaw_rate: float

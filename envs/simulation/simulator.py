@@ -18,6 +18,7 @@ from .crowd.step import with_bodies
 from .records import COMMAND_V, COMMAND_W, GYRO_BIAS
 from .rows import BLOCK, Reading, RobotState, Rows, Twist
 from .sensors import SLIP_LEFT, sense
+from .spinning_lidar import SpinningLidar
 
 
 class Simulator(ABC):
@@ -35,11 +36,15 @@ class Simulator(ABC):
         self.robot = robot
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
+        self.deskews = True
+        """Whether scans of a lidar that spins are corrected for the robot's motion, by odometry."""
+        self._spinning = SpinningLidar(robot.lidar, control_period)
 
     def set_robot(self, robot: RobotParams) -> None:
         """Change the robot parameters from the next reset on, except footprint and lidar beams."""
         self.robot = robot
         self.rows.set_robot(robot, self._period)
+        self._spinning = SpinningLidar(robot.lidar, self._period)
 
     @property
     def states(self) -> list[RobotState]:
@@ -82,6 +87,7 @@ class Simulator(ABC):
         # The draw for wheel slip is unused at a reset and determines the gyroscope bias.
         rows.numbers[:, GYRO_BIAS] = self.robot.imu.gyro_bias_std * rows.draws[:, -1, SLIP_LEFT]
         self.sense()
+        self._spin(world)
         return self._readings()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
@@ -109,6 +115,7 @@ class Simulator(ABC):
             rows.numbers[k, COMMAND_V], rows.numbers[k, COMMAND_W] = v, w
         rows.draw_ahead(self.rngs, ahead)
         self._move(world)
+        self._spin(world)
 
     def close(self) -> None:  # noqa: B027
         """Release resources. Repeated calls have no effect."""
@@ -125,6 +132,11 @@ class Simulator(ABC):
         rows, world = self.rows, self._reset_world()
         visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
         sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible, world.magnets)
+
+    def _spin(self, world: World) -> None:
+        if self.robot.lidar.scan_time:
+            visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
+            self._spinning.measure(self.rows, world.segments, visible, deskews=self.deskews)
 
     def _readings(self) -> list[Reading]:
         return [self.rows.reading(k) for k in range(len(self.rows.numbers))]

@@ -225,6 +225,16 @@ def test_a_jump_of_odometry_does_not_move_the_robot():
     assert driver.dropped == {"jump of odometry": 1}
 
 
+def test_a_jump_of_odometry_does_not_move_the_beams_of_a_scan():
+    driver = Driver(make_explorer("pursuit"), BURGER, slam="odometry")
+    for k in range(20):
+        driver.odometry((40.0 if k >= 10 else 0.0, 0.0, 0.0), 0.1 * k)
+        driver.scan(np.full(360, 1.0), 0.1 * k - 0.3, np.linspace(0.0, 0.25, 360))
+        driver.command(0.1 * k)
+        assert not driver.has_begun or (driver.env.reading.ranges == 1.0).all()
+    assert driver.dropped["jump of odometry"] == 1
+
+
 @pytest.mark.parametrize("first", [5, 2**31 - 1, -(10**12)])
 def test_encoders_that_begin_anew_do_not_move_the_robot(first):
     """The base restarts at zero after 20 of 40 messages, each 2 cm further."""
@@ -377,3 +387,70 @@ def test_scales_of_odometry_are_found_in_a_log_and_correct_a_robot():
     x, y, theta = driver.belief.pose
     assert math.dist((x, y), truth[-1][:2]) < 0.1
     assert abs(wrap_angle(theta - truth[-1][2])) < 0.02
+
+
+SPINNING = dataclasses.replace(load_robot(BURGER).lidar, scan_time=0.18, noise_std=0.0, resolution=0.0)
+
+
+@pytest.mark.parametrize("motion", ["odometry", "encoders"])
+def test_scans_of_a_lidar_that_spins_are_deskewed(motion):
+    burger = load_robot(BURGER)
+    burger = dataclasses.replace(burger, drive=dataclasses.replace(burger.drive, slip_std=0.0))
+    lidars = SPINNING, dataclasses.replace(SPINNING, scan_time=0.0)
+    robots = [SimulatedRobot("turtlebot3_house", dataclasses.replace(burger, lidar=lidar), seed=3) for lidar in lidars]
+    delays = SPINNING.time_increment * np.arange(SPINNING.num_beams)
+    drivers = [
+        Driver(make_explorer("pursuit"), robot.robot, motion=motion, slam="odometry") for robot in robots[:1] * 2
+    ]
+    errors = []
+    for k in range(120):
+        spinning, at_once = robots
+        for driver, times in zip(drivers, (delays, None)):
+            if motion == "encoders":
+                driver.encoders(*spinning.reading.ticks, spinning.time)
+            else:
+                driver.odometry(spinning.odometry, spinning.time)
+            if k >= 20 and k % 10 == 0:
+                driver.scan(spinning.reading.ranges, spinning.time - delays[-1], times)
+                driver.command(spinning.time)
+                errors.append(
+                    np.abs(np.minimum(driver.env.reading.ranges, 4.0) - np.minimum(at_once.reading.ranges, 4.0))
+                )
+        for robot in robots:
+            robot.step((0.1, 1.5))
+    deskewed, skewed = np.array(errors[::2]), np.array(errors[1::2])
+    assert np.nanquantile(deskewed, 0.9) < 5e-3
+    assert np.nanquantile(skewed, 0.5) > 0.02
+
+
+def test_a_scan_waits_for_the_odometry_of_its_last_beam():
+    driver = Driver(make_explorer("pursuit"), BURGER, slam="odometry")
+    delays = np.linspace(0.0, 0.2, 360)
+    driver.odometry((0.0, 0.0, 0.0), 1.0)
+    driver.odometry((0.0, 0.0, 0.0), 1.1)
+    driver.scan(np.full(360, 1.0), 1.0, delays)
+    driver.command(1.1)
+    assert not driver.has_begun
+    driver.odometry((0.0, 0.0, 0.0), 1.2)
+    driver.command(1.2)
+    assert driver.has_begun
+    for wrong in (delays[:10], np.full(360, math.nan), 10.0 * delays):
+        with pytest.raises(ValueError, match=r"delays must have shape \(360,\)"):
+            driver.scan(np.full(360, 1.0), 1.3, wrong)
+
+
+@pytest.mark.parametrize("no_return", ["zero", "inf"])
+def test_zero_is_no_return_where_the_robot_says_so(no_return, caplog):
+    robot = load_robot(BURGER)
+    robot = dataclasses.replace(robot, lidar=dataclasses.replace(robot.lidar, no_return=no_return))
+    driver, ranges = Driver(make_explorer("pursuit"), robot, slam="odometry"), np.full(360, 1.0)
+    ranges[:90], ranges[90:95] = 0.0, (math.nan, -1.0, 0.05, 9.0, math.inf)
+    for k in range(5):
+        driver.odometry((0.0, 0.0, 0.0), 0.1 * k)
+        driver.scan(ranges, 0.1 * k)
+        driver.command(0.1 * k)
+    expected = np.full(360, 1.0, dtype=np.float32)
+    expected[:90], expected[90:95] = math.inf if no_return == "zero" else math.nan, (*[math.nan] * 3, *[math.inf] * 2)
+    np.testing.assert_array_equal(driver.env.reading.ranges, expected)
+    warned = [record for record in caplog.records if "25 % of the beams are 0.0" in record.message]
+    assert len(warned) == (no_return == "inf")

@@ -12,9 +12,11 @@ import pytest
 from scipy import ndimage
 
 from lidarnaut.driver.simulated_robot import SimulatedRobot
+from lidarnaut.envs import robots
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs import load_log, messages
 from lidarnaut.envs.logs.transforms import seconds
+from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.worlds import load_map
 
 pytest.importorskip("websockets")
@@ -219,6 +221,68 @@ def test_the_lidar_may_be_mounted_upside_down(from_messages):
     assert near_walls[tuple(belief.grid.cells(true.transform(points)).T)].mean() > 0.9
 
 
+class Link(Topics):
+    """Two ends that receive messages of each other, as JSON."""
+
+    def __init__(self):
+        super().__init__()
+        self.receivers = {}
+
+    def subscribe(self, topic, kind, receive):
+        self.receivers.setdefault(topic, []).append(receive)
+
+    def publish(self, topic, message):
+        self.last[topic] = message
+        for receive in self.receivers.get(topic, ()):
+            receive(from_json(json.loads(json.dumps(to_json(message)))))
+
+
+def served(robot, link, seconds, **options):
+    """Drive a served robot for some time; return the session, and the errors of the estimated positions [m]."""
+    session = drive.Session(drive.Options(policy="pursuit", use_sim_time=True, **options), link)
+    server, errors = serve.Server(serve.Options(**{**SERVED, "world": "turtlebot3_house", "robot": robot}), link), []
+    while server.robot.time < seconds:
+        server.step()
+        if round(50.0 * server.robot.time) % 5 == 0:
+            session.step()
+            if session.driver is not None and session.driver.has_begun:
+                errors.append(error_of(server, session))
+    return session, errors
+
+
+@pytest.mark.parametrize("from_messages", [False, True])
+def test_a_served_robot_with_a_lidar_that_spins_is_driven_as_well(from_messages, tmp_path, caplog):
+    original = Path(robots.__file__).parent / "library" / "turtlebot3_burger.yaml"
+    path = tmp_path / "spinning.yaml"
+    path.write_text(original.read_text().replace("no_return: zero", "no_return: zero\n  scan_time: 0.18"))
+    link = Link()
+    _, errors = served(str(path), link, 25.0, lidar_from_messages=from_messages)
+    assert max(errors) < 0.05
+    scan = link.last["/scan"]
+    assert scan.time_increment == pytest.approx(0.18 / 360)
+    assert (scan.ranges == 0.0).mean() > 0.05
+    assert not [record for record in caplog.records if record.levelname == "WARNING"]
+
+
+@pytest.mark.parametrize("increment", [math.nan, -0.1, 0.001])
+def test_wrong_times_of_beams_are_ignored_with_a_warning(increment, caplog):
+    robot, topics = SimulatedRobot(robot="turtlebot3_burger", rate=10.0), Topics()
+    session = drive.Session(drive.Options(policy="pursuit", use_sim_time=True), topics)
+    topics.publish("/tf_static", messages.static_transforms(robot.robot.lidar.mount))
+    for k in range(10):
+        scan = messages.laser_scan(robot.time, robot.reading.ranges, robot.robot.lidar, 0.1, increment if k else 0.0)
+        topics.publish("/clock", messages.clock(robot.time))
+        topics.publish("/odom", messages.odometry(robot.time, robot.odometry, robot.twist))
+        topics.publish("/scan", scan)
+        session.step()
+        np.testing.assert_array_equal(session.driver.env.reading.ranges, robot.reading.ranges)
+        robot.step(Twist(0.1, 0.5))
+    warned = [record.message for record in caplog.records if "time_increment" in record.message]
+    assert warned == [
+        f"time_increment of scans is ignored: {increment:g} s for each of 360 beams, but 0.1 s between scans"
+    ]
+
+
 def damaged(message, rng):
     """Return a message with one field that is missing or of another kind."""
     data = json.loads(json.dumps(to_json(message)))
@@ -267,7 +331,7 @@ def test_messages_become_json_of_both_versions_of_ros():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"no_return": "0"}, "no_return must be 'inf' or 'nan', got '0'"),
+        ({"no_return": "0"}, "no_return must be 'inf', 'nan' or 'zero', got '0'"),
         ({"policy": "pursuitt"}, "unknown policy 'pursuitt'"),
         ({"policy": "mppi", "slam": "hectorr"}, "unknown SLAM 'hectorr'"),
         ({"robot": "nobody"}, "nobody"),
