@@ -13,6 +13,7 @@ from lidarnaut.envs.arguments import check_positive, is_whole
 from lidarnaut.envs.core import LidarEnv, Quantities
 from lidarnaut.envs.decisions.drive import UNCHECKED, drive
 from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.ids import EXPLORE
 from lidarnaut.envs.navigation import (
     FEATURES,
     NUM_SECTORS,
@@ -108,7 +109,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     or `"arrived_home"` if the robot is home by its estimate but truly more than 0.3 m away.
 
     ## Arguments
-    As in `Explore-v0`, without `observations`, and
+    As in `Explore-v0`, without `observations` and `clip_actions`, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -123,6 +124,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     metadata = LidarEnv.metadata
     task_kind: type[Explore] = Explore
     """Class of the exploration task."""
+    ignores: Mapping[str, str] = {"observations": EXPLORE, "clip_actions": EXPLORE}
+    """Arguments that have no effect here, and are refused: the id of an environment that honours each."""
 
     def __init__(
         self,
@@ -134,8 +137,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     ) -> None:
         if not (is_whole(max_candidates) and 1 <= max_candidates <= MAX_CANDIDATES):
             raise ValueError(f"max_candidates must be an integer from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
-        if "observations" in arguments:
-            raise ValueError("observations is not an argument of frontier environments: see Observation Space")
+        for name, id in self.ignores.items():
+            if arguments.get(name):
+                raise ValueError(f"{name} has no effect in {type(self).__name__}: choose {id}")
         check_positive(max_decision_time=max_decision_time)
         self.explore = env = LidarEnv(self.task_kind, control_hz=control_hz, **arguments)
         """Underlying environment with velocity commands. Its observations are not used."""
@@ -146,8 +150,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.metadata = env.metadata
         self._max_candidates = max_candidates
         self._noted = np.empty((1, BLOCK, 4)), np.zeros((1, 2), dtype=np.int64)
-        self.is_fused = False
-        """Whether one kernel call simulates several control periods."""
         self._map = MapCrop(resolution=FAR_PIXEL)
         self.action_space = spaces.Discrete(max_candidates)
         self._robot_features = robot_features(env.robot)
@@ -169,7 +171,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore = self.explore
         explore.begin(seed=seed, options=options)
         self._begin()
-        self.is_fused = not self.why_not_fused
         self._steps, self._quantities = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
         self._home_reason: str | None = None
@@ -253,6 +254,11 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.explore.close()
 
     @property
+    def is_fused(self) -> bool:
+        """Whether one kernel call simulates several control periods."""
+        return not self.why_not_fused
+
+    @property
     def why_not_fused(self) -> str:
         """Reason why one kernel call cannot simulate several control periods; empty if it can."""
         env = self.explore
@@ -260,9 +266,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
             return f"task {type(env.task).__name__} needs every control period"
-        own = env.sensors or env.task.rewards.shared
-        if own or env.on_period or env.render_mode == "human" or env.robots[0].tracker is not None:
-            return "custom sensors, rewarded speeds, people trackers, recorders and windows need every control period"
+        own = env.sensors or env.task.rewards.shared or env.collision_monitor or env.robots[0].tracker
+        if own or env.on_period or env.render_mode == "human":
+            return "sensors, rewarded speeds, monitors, trackers, recorders and windows need every control period"
         return ""
 
     @property
@@ -280,8 +286,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             self.navigator.look_around()
 
     def _drive(self) -> str:
+        advance = self._advance_fused if self.is_fused else self._advance
         while True:
-            result = self._advance_fused() if self.is_fused else self._advance()
+            result = advance()
             if result is not None:
                 self.explore.plan = self.navigator.plan
                 return result
@@ -297,11 +304,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _control(self, *twists: Twist) -> None:
         explore = self.explore
-        if explore.render_mode == "human":
-            explore.render()
         for robot, twist in zip(explore.robots, twists, strict=True):
             robot.action = twist.v / robot.params.max_v, twist.w / robot.params.max_w
-        explore.advance(twists)
+        explore.advance(explore.limited(list(twists)))
         self._note(1, 0)
 
     def _drive_home(self) -> str | None:
@@ -350,6 +355,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _note(self, count: int, contacts: int) -> None:
         self._steps += count
+        if self.render_mode == "human":
+            self.render()
         period, quantities = self.explore.control_period, self._quantities
         for name, quantity in self.explore.task.quantities().items():
             quantities[name] += quantity

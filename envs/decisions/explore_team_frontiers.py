@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.envs.decisions.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
+from lidarnaut.envs.ids import CHOOSE
 from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.teams.team_navigator import UNASSIGNED, TeamNavigator, discount
 from lidarnaut.envs.navigation.teams.team_robot import TeamRobot
@@ -15,6 +16,8 @@ from lidarnaut.envs.observations import Peers
 from lidarnaut.envs.observations.positions import PEERS_RANGE
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.tasks.explore import ExploreTeam
+
+TEAM = "lidarnaut/ExploreTeam-v0"
 
 
 class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
@@ -60,7 +63,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     of the deciding robot's last drive.
 
     ## Arguments
-    As in `ExploreFrontiers-v0`, without `return_home`, and
+    As in `ExploreFrontiers-v0`, without `return_home` and `collision_monitor`, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -72,10 +75,9 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     """
 
     task_kind = ExploreTeam
+    ignores = {**dict.fromkeys(("observations", "clip_actions", "collision_monitor"), TEAM), "return_home": CHOOSE}
 
     def __init__(self, *, num_robots: int = 2, **arguments: Any) -> None:
-        if arguments.get("return_home"):
-            raise ValueError("return_home supports one robot only: choose lidarnaut/ExploreFrontiers-v0")
         super().__init__(num_robots=num_robots, **arguments)
         self._peers = Peers(num_robots - 1)
         if num_robots > 1:

@@ -9,6 +9,7 @@ from numba import njit
 from numba.typed import List
 
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.overrides import overridden
 from lidarnaut.envs.robot import SCAN
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import BLOCK
@@ -114,7 +115,7 @@ class Batch:
             rewards, weights = env.task.rewards, envs[0].task.rewards.weights
             is_unobserved = not env.sensors and env.on_period is None
             self._are_alike[i] = (
-                not rewards.reads_shared and rewards.weights == weights,
+                not (rewards.reads_shared or overridden(rewards)) and rewards.weights == weights,
                 is_unobserved and _has_own(env.task, "update_rows", "update", "quantities", "metrics", "end_reason"),
                 all(type(robot.estimator) is DeadReckoning for robot in env.robots) and env.priors[0].map is None,
             )

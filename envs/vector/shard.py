@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.overrides import overridden
 
 from .batch import Batch
 from .memory import Extras, Memory, Records, parts_of, whole_of
@@ -42,7 +43,7 @@ class Shard:
         self._arrays = arrays = memory.arrays().rows(share)
         self._mode = autoreset_mode
         self._max_steps = max_episode_steps
-        self._is_wrapped = self.envs[0] is not self._inner[0]
+        self._is_own = np.array([is_own(env) for env in self.envs])
         self._rows = [{name: array[i] for name, array in arrays.observations.items()} for i in range(len(self.envs))]
         self._steps = np.zeros(len(self.envs), dtype=np.int64)
         self._has_ended = np.zeros(len(self.envs), dtype=np.bool_)
@@ -81,6 +82,7 @@ class Shard:
         records.extras = {}
         self._steps += ~ended
         is_last, is_left = self._steps == self._max_steps, np.ones_like(ended)
+        is_stepped = self._batch is not None
         if self._batch is not None and not ended.all():
             is_left = ended | self._batch.step(~ended, is_last, records)
             arrays.terminated[:] = arrays.truncated[:] = False
@@ -90,7 +92,7 @@ class Shard:
                 arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = 0.0, False, False
                 records.note(i, info)
                 continue
-            reward, terminated, truncated, info = self._outcome(i, bool(is_last[i]))
+            reward, terminated, truncated, info = self._outcome(i, bool(is_last[i]), is_stepped)
             arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = reward, terminated, truncated
             if terminated or truncated:
                 self._close_episode(i, info)
@@ -98,13 +100,13 @@ class Shard:
                 records.note(i, info)
         return records.rows, records.extras
 
-    def _outcome(self, i: int, is_last: bool) -> tuple[float, bool, bool, dict[str, Any]]:
+    def _outcome(self, i: int, is_last: bool, is_stepped: bool) -> tuple[float, bool, bool, dict[str, Any]]:
         env, action = self.envs[i], self._arrays.actions[i].copy()  # wrappers may keep it
-        if self._is_wrapped:
-            observation, *outcome = env.step(action)
+        if self._is_own[i]:
+            observation, reward, terminated, truncated, info = env.step(action)
             self._write(i, observation)
-            return outcome
-        if self._batch is None:
+            return reward, terminated, truncated or is_last, info
+        if not is_stepped:
             env.apply(action)
             env.observe(self._rows[i])
         return env.outcome(is_last)
@@ -152,10 +154,13 @@ class Shard:
             row[...] = parts[name]
 
     def _bind(self, indices: Sequence[int]) -> None:
+        self._is_own[indices] = [is_own(self.envs[i]) for i in indices]
         if not self._records.kinds:
             return
         changed = [self.envs[i] for i in (range(len(self.envs)) if self._batch is None else indices)]
-        if self._is_wrapped or not all(isinstance(env, LidarEnv) and env.is_fused for env in changed):
+        if self._is_own.any() or not all(isinstance(env, LidarEnv) and env.is_fused for env in changed):
+            if self._batch is not None:
+                self._batch.catch_up()
             self._batch = None
             return
         if self._batch is None:
@@ -170,6 +175,11 @@ class Shard:
         else:
             self._has_ended[i] = True
         self._records.note(i, info)
+
+
+def is_own(env: Any) -> bool:
+    """Return True if an environment has wrappers or overridden methods, so that only its own `step` may step it."""
+    return env is not env.unwrapped or bool(overridden(env))
 
 
 def _prepare(env: Any) -> None:

@@ -192,7 +192,7 @@ def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
         free = _free(ahead, left, lookahead, numbers.reach, obstacles, numbers)
         if free >= lookahead:
             return ahead, left, free
-        if lookahead <= numbers.min_lookahead:
+        if not lookahead > numbers.min_lookahead:  # also NaN
             return _sidestep(state, ahead, left, free, obstacles, numbers)
         lookahead = max(0.6 * lookahead, numbers.min_lookahead)
 
