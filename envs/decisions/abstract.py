@@ -28,9 +28,6 @@ HEADING_DISTANCE = 0.4
 DRIFT_LENGTH = 8.0
 """Correlation length of the pose error along the path [m]."""
 
-UNMEASURED = [at.LEAST_GAP, at.LEAST_TIME, at.INTRUSION, at.HIT_WALL, at.HIT_PERSON, at.HIT_BY_PERSON]
-"""Statistics about people of a world, which are NaN."""
-
 
 class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     """Explore by choosing frontiers, with a robot that moves along planned paths.
@@ -73,8 +70,8 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     * v0: first version
     """
 
-    _driven = ("return_home", "people", "track_people", "sensors", "collision_monitor")
-    ignores = {**ExploreFrontiersEnv.ignores, **dict.fromkeys(_driven, CHOOSE)}
+    ignores = dict.fromkeys(("return_home", "people", "track_people", "sensors", "collision_monitor"), CHOOSE)
+    ignores |= ExploreFrontiersEnv.ignores
 
     def __init__(
         self,
@@ -99,7 +96,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             raise ValueError(f"false_returns must lie in [0, 1), got {false_returns!r}")
         super().__init__(physics=physics, slam=slam, map_resolution=map_resolution, **arguments)
         if unknown := [name for name in self.explore.task.rewards.shared if name in COLUMNS]:
-            raise ValueError(f"reward terms {unknown} have no effect in {type(self).__name__}: choose {CHOOSE}")
+            raise ValueError(f"reward terms {unknown} have no effect in {type(self).__name__}; choose {CHOOSE}")
         robot, self._scan_distance, self._false_returns = self.robot, scan_distance, false_returns
         self._simulator = cast(KinematicSimulator, self.explore.simulator)
         self._mapping = cast(KnownPoses, self.explore.robots[0].estimator)
@@ -112,7 +109,8 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         self._error = ORIGIN
         started = super().reset(seed=seed, options=options)
-        self.explore.rows.numbers[:, UNMEASURED] = math.nan
+        # Gaps to people of the world are not measured between scans.
+        self.explore.rows.numbers[0, at.LEAST_GAP : at.HIT_BY_PERSON + 1] = math.nan
         # Scan obstacles do not move with the robot here: plan on the map only.
         record = self.navigator.navigator.record
         record["num_remembered"] = record["num_seen"] = record["num_obstacles"] = 0

@@ -139,7 +139,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             raise ValueError(f"max_candidates must be an integer from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
         for name, id in self.ignores.items():
             if arguments.get(name):
-                raise ValueError(f"{name} has no effect in {type(self).__name__}: choose {id}")
+                raise ValueError(f"argument {name!r} has no effect in {type(self).__name__}; choose {id}")
         check_positive(max_decision_time=max_decision_time)
         self.explore = env = LidarEnv(self.task_kind, control_hz=control_hz, **arguments)
         """Underlying environment with velocity commands. Its observations are not used."""
@@ -150,6 +150,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.metadata = env.metadata
         self._max_candidates = max_candidates
         self._noted = np.empty((1, BLOCK, 4)), np.zeros((1, 2), dtype=np.int64)
+        self.is_fused = False
+        """Whether one kernel call simulates several control periods."""
         self._map = MapCrop(resolution=FAR_PIXEL)
         self.action_space = spaces.Discrete(max_candidates)
         self._robot_features = robot_features(env.robot)
@@ -171,6 +173,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore = self.explore
         explore.begin(seed=seed, options=options)
         self._begin()
+        self.is_fused = not self.why_not_fused
         self._steps, self._quantities = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
         self._home_reason: str | None = None
@@ -254,11 +257,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.explore.close()
 
     @property
-    def is_fused(self) -> bool:
-        """Whether one kernel call simulates several control periods."""
-        return not self.why_not_fused
-
-    @property
     def why_not_fused(self) -> str:
         """Reason why one kernel call cannot simulate several control periods; empty if it can."""
         env = self.explore
@@ -286,9 +284,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             self.navigator.look_around()
 
     def _drive(self) -> str:
-        advance = self._advance_fused if self.is_fused else self._advance
         while True:
-            result = advance()
+            result = self._advance_fused() if self.is_fused else self._advance()
             if result is not None:
                 self.explore.plan = self.navigator.plan
                 return result

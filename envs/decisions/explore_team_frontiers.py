@@ -17,8 +17,6 @@ from lidarnaut.envs.observations.positions import PEERS_RANGE
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.tasks.explore import ExploreTeam
 
-TEAM = "lidarnaut/ExploreTeam-v0"
-
 
 class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     """Explore an unknown world with a team by choosing the next frontier of one robot at a time.
@@ -75,7 +73,8 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     """
 
     task_kind = ExploreTeam
-    ignores = {**dict.fromkeys(("observations", "clip_actions", "collision_monitor"), TEAM), "return_home": CHOOSE}
+    ignores = dict.fromkeys(("observations", "clip_actions", "collision_monitor"), "lidarnaut/ExploreTeam-v0")
+    ignores["return_home"] = CHOOSE
 
     def __init__(self, *, num_robots: int = 2, **arguments: Any) -> None:
         super().__init__(num_robots=num_robots, **arguments)

@@ -82,7 +82,6 @@ class Shard:
         records.extras = {}
         self._steps += ~ended
         is_last, is_left = self._steps == self._max_steps, np.ones_like(ended)
-        is_stepped = self._batch is not None
         if self._batch is not None and not ended.all():
             is_left = ended | self._batch.step(~ended, is_last, records)
             arrays.terminated[:] = arrays.truncated[:] = False
@@ -92,7 +91,7 @@ class Shard:
                 arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = 0.0, False, False
                 records.note(i, info)
                 continue
-            reward, terminated, truncated, info = self._outcome(i, bool(is_last[i]), is_stepped)
+            reward, terminated, truncated, info = self._outcome(i, bool(is_last[i]))
             arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = reward, terminated, truncated
             if terminated or truncated:
                 self._close_episode(i, info)
@@ -100,13 +99,13 @@ class Shard:
                 records.note(i, info)
         return records.rows, records.extras
 
-    def _outcome(self, i: int, is_last: bool, is_stepped: bool) -> tuple[float, bool, bool, dict[str, Any]]:
+    def _outcome(self, i: int, is_last: bool) -> tuple[float, bool, bool, dict[str, Any]]:
         env, action = self.envs[i], self._arrays.actions[i].copy()  # wrappers may keep it
         if self._is_own[i]:
             observation, reward, terminated, truncated, info = env.step(action)
             self._write(i, observation)
             return reward, terminated, truncated or is_last, info
-        if not is_stepped:
+        if self._batch is None:
             env.apply(action)
             env.observe(self._rows[i])
         return env.outcome(is_last)
@@ -159,8 +158,6 @@ class Shard:
             return
         changed = [self.envs[i] for i in (range(len(self.envs)) if self._batch is None else indices)]
         if self._is_own.any() or not all(isinstance(env, LidarEnv) and env.is_fused for env in changed):
-            if self._batch is not None:
-                self._batch.catch_up()
             self._batch = None
             return
         if self._batch is None:

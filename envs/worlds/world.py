@@ -19,11 +19,7 @@ MIN_ROUTE_SIZE = 1e-4
 
 
 def read_route(waypoints: Any) -> np.ndarray:
-    """Return the waypoints of a person as a new array, shape (k, 2), float64 [m].
-
-    Raises:
-        ValueError: wrong shape, coordinates not finite or too large, or no two different points.
-    """
+    """Return the waypoints of a person as a new array, shape (k, 2), float64 [m]; ValueError if they are no route."""
     points = np.array(waypoints, dtype=np.float64)
     is_valid = points.shape[1:] == (2,) and len(points) > 0 and np.abs(points).max() <= MAX_COORDINATE
     if not (is_valid and np.ptp(points, axis=0).max() >= MIN_ROUTE_SIZE):
@@ -36,8 +32,7 @@ def read_route(waypoints: Any) -> np.ndarray:
 class FixedRoute:
     """Person walking on a closed polyline at constant speed, waiting if a robot is in the way.
 
-    Raises:
-        ValueError: the waypoints are no route, or radius or speed are not positive or too large.
+    ValueError if the polyline has no length, or a number is out of range.
     """
 
     radius: float
@@ -57,10 +52,8 @@ class FixedRoute:
 class World:
     """Static geometry, start poses, goals and people of a simulated world.
 
-    Walls and bodies are a horizontal section at lidar height, extruded to `height`.
-
-    Raises:
-        ValueError: coordinates are not finite or too large, or magnets have the wrong form.
+    Walls and bodies are a horizontal section at lidar height, extruded to `height`. ValueError if coordinates are not
+    finite or too large.
     """
 
     name: str
@@ -96,9 +89,8 @@ class World:
         for what in ("bounds", "segments", "circles", "spawns", "goals", "docks"):
             farthest = np.abs(np.asarray(getattr(self, what), dtype=np.float64)).max(initial=0.0)
             if not farthest <= MAX_COORDINATE:
-                raise ValueError(
-                    f"world {self.name!r}: {what} contain {farthest:g}; at most {MAX_COORDINATE:g} m is allowed"
-                )
+                most = f"at most {MAX_COORDINATE:g} m is allowed"
+                raise ValueError(f"world {self.name!r}: {what} contain {farthest:g}; {most}")
         rows = self.magnets if getattr(self.magnets, "dtype", None) == np.float64 else np.empty(0)
         if rows.shape[1:] != (4,) or not np.isfinite(rows).all() or (rows[:, 3] <= 0.0).any():
             allowed = "an array of shape (k, 4), float64, of finite x, y, strength and positive decay"

@@ -22,7 +22,7 @@ SUBSTEP, ORCA_SUBSTEP = 0.05, 0.1
 LEG_RADIUS, LEG_OFFSET, STRIDE = 0.06, 0.1, 0.35
 """Radius of a leg, sideways distance of a leg from the body's centre, and stride length [m]."""
 MAX_CORNERS = 100_000
-"""Maximum number of waypoints that a person passes in a time step: more than `FixedRoute` permits on two points."""
+"""Maximum number of waypoints that a person passes in a time step. Any `FixedRoute` of two points has fewer."""
 
 
 @njit(cache=True, error_model="numpy")
