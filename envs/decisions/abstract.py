@@ -9,7 +9,6 @@ import numpy as np
 from lidarnaut.envs.arguments import check_positive, is_number
 from lidarnaut.envs.decisions.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
 from lidarnaut.envs.geometry import ORIGIN, Pose2D, wrap_angle
-from lidarnaut.envs.ids import CHOOSE
 from lidarnaut.envs.navigation.controllers.navigator_kernels import DRIVING, FAILED, REACHED, SPUN, TIME_UP
 from lidarnaut.envs.simulation import KinematicSimulator
 from lidarnaut.envs.simulation import records as at
@@ -25,6 +24,7 @@ MAX_ARC = 1.6
 """Heading change at the start of a path that costs no time [rad]. Beyond it, the robot turns in place."""
 HEADING_DISTANCE = 0.4
 """Distance along the path to the point that defines the initial heading [m]."""
+DRIVEN = "lidarnaut/ExploreFrontiers-v0"
 DRIFT_LENGTH = 8.0
 """Correlation length of the pose error along the path [m]."""
 
@@ -70,7 +70,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     * v0: first version
     """
 
-    ignores = dict.fromkeys(("return_home", "people", "track_people", "sensors", "collision_monitor"), CHOOSE)
+    ignores = dict.fromkeys(("return_home", "people", "track_people", "sensors", "collision_monitor"), DRIVEN)
     ignores |= ExploreFrontiersEnv.ignores
 
     def __init__(
@@ -96,7 +96,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             raise ValueError(f"false_returns must lie in [0, 1), got {false_returns!r}")
         super().__init__(physics=physics, slam=slam, map_resolution=map_resolution, **arguments)
         if unknown := [name for name in self.explore.task.rewards.shared if name in COLUMNS]:
-            raise ValueError(f"reward terms {unknown} have no effect in {type(self).__name__}; choose {CHOOSE}")
+            raise ValueError(f"reward terms {unknown} have no effect in {type(self).__name__}; choose {DRIVEN}")
         robot, self._scan_distance, self._false_returns = self.robot, scan_distance, false_returns
         self._simulator = cast(KinematicSimulator, self.explore.simulator)
         self._mapping = cast(KnownPoses, self.explore.robots[0].estimator)

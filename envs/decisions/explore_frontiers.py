@@ -13,7 +13,6 @@ from lidarnaut.envs.arguments import check_positive, is_whole
 from lidarnaut.envs.core import LidarEnv, Quantities
 from lidarnaut.envs.decisions.drive import UNCHECKED, drive
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.ids import EXPLORE
 from lidarnaut.envs.navigation import (
     FEATURES,
     NUM_SECTORS,
@@ -124,7 +123,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     metadata = LidarEnv.metadata
     task_kind: type[Explore] = Explore
     """Class of the exploration task."""
-    ignores: Mapping[str, str] = {"observations": EXPLORE, "clip_actions": EXPLORE}
+    ignores: Mapping[str, str] = dict.fromkeys(("observations", "clip_actions"), "lidarnaut/Explore-v0")
     """Arguments that have no effect here, and are refused: the id of an environment that honours each."""
 
     def __init__(

@@ -8,7 +8,6 @@ import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.envs.decisions.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
-from lidarnaut.envs.ids import CHOOSE
 from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.teams.team_navigator import UNASSIGNED, TeamNavigator, discount
 from lidarnaut.envs.navigation.teams.team_robot import TeamRobot
@@ -74,7 +73,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
 
     task_kind = ExploreTeam
     ignores = dict.fromkeys(("observations", "clip_actions", "collision_monitor"), "lidarnaut/ExploreTeam-v0")
-    ignores["return_home"] = CHOOSE
+    ignores["return_home"] = "lidarnaut/ExploreFrontiers-v0"
 
     def __init__(self, *, num_robots: int = 2, **arguments: Any) -> None:
         super().__init__(num_robots=num_robots, **arguments)
