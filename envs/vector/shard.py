@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.core import LidarEnv, lidar_env_of
 from lidarnaut.envs.overrides import overridden
 
 from .batch import Batch
@@ -104,7 +104,9 @@ class Shard:
         if self._is_own[i]:
             observation, reward, terminated, truncated, info = env.step(action)
             self._write(i, observation)
-            return reward, terminated, truncated or is_last, info
+            if is_last and not (terminated or truncated):
+                info, truncated = {**info, **lidar_env_of(env).final_metrics(), "end_reason": "time_limit"}, True
+            return reward, terminated, truncated, info
         if self._batch is None:
             env.apply(action)
             env.observe(self._rows[i])
