@@ -63,7 +63,7 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         max_extent=max(2, round(params.max_extent / side)),
         views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
         detour=round(VIEW_DETOUR / side * STRAIGHT * SCALE),
-        first_limit=max(1, round(FIRST_LIMIT / side * STRAIGHT * SCALE)),  # `find_candidates` doubles it
+        first_limit=round(FIRST_LIMIT / side * STRAIGHT * SCALE),
         view_reach=max(1, round(min(VIEW_RANGE, robot.lidar.range_max) / side)),
         heading_steps=max(1, round(HEADING_DISTANCE / side)),
         robot_radius=radius,  # footprint radius [m]
