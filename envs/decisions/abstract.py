@@ -24,9 +24,10 @@ MAX_ARC = 1.6
 """Heading change at the start of a path that costs no time [rad]. Beyond it, the robot turns in place."""
 HEADING_DISTANCE = 0.4
 """Distance along the path to the point that defines the initial heading [m]."""
-DRIVEN = "lidarnaut/ExploreFrontiers-v0"
 DRIFT_LENGTH = 8.0
 """Correlation length of the pose error along the path [m]."""
+DRIVEN = "lidarnaut/ExploreFrontiers-v0"
+"""Id of the environment with simulated driving."""
 
 
 class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):

@@ -104,7 +104,7 @@ class Shard:
         if self._is_own[i]:
             observation, reward, terminated, truncated, info = env.step(action)
             self._write(i, observation)
-            if is_last and not (terminated or truncated):
+            if is_last and not (terminated or truncated):  # as `judge` does
                 info, truncated = {**info, **lidar_env_of(env).final_metrics(), "end_reason": "time_limit"}, True
             return reward, terminated, truncated, info
         if self._batch is None:
