@@ -22,6 +22,7 @@ from lidarnaut.envs.measures import PEOPLE
 from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import Observations, Tracks, make_parts
+from lidarnaut.envs.overrides import overridden, shadowed
 from lidarnaut.envs.randomization import Randomization, Ranges
 from lidarnaut.envs.rendering.scene import Scene, scene_of
 from lidarnaut.envs.robot import MAX_PERSON_GAP, REMEMBER_TRUE, GroundTruth, Robot, reset_robots
@@ -37,8 +38,6 @@ from lidarnaut.envs.worlds import World
 
 NO_TRACKS = np.empty((0, 5))
 """Empty array of tracked people, shape (0, 5): x, y [m], vx, vy [m/s], radius [m]."""
-FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
-"""`LidarEnv` methods that kernels replace in vector environments. Subclasses that override one run in Python."""
 WORLD_SPAWN_KEY = 2**32 - 1
 """Spawn key of the random generator for worlds. `Generator.spawn` never produces this key."""
 
@@ -286,6 +285,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 v, w = min(max(v, -1.0), 1.0), min(max(w, -1.0), 1.0)
             robot.action = (v, w)
             twists.append(Twist(v * max_v, w * max_w))
+        return self.limited(twists)
+
+    def limited(self, twists: list[Twist]) -> list[Twist]:
+        """Return commands [m/s, rad/s], slowed down by the collision monitor, if any."""
         if self.collision_monitor is None:
             return twists
         commands = np.array(twists)
@@ -364,9 +367,11 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     @property
     def why_not_fused(self) -> str:
         """Reason why one kernel call cannot step many copies of this environment; empty if it can."""
-        kind, physics = type(self), type(self.simulator)
-        if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
-            return f"{kind.__name__} overrides {own[0]}"
+        physics = type(self.simulator)
+        owned, used = (self, self.simulator, *self.robots), (self.task, self.task.rewards, *self.parts.values())
+        for one, own in [*zip(owned, map(overridden, owned)), *zip(used, map(shadowed, used))]:
+            if own:
+                return f"{type(one).__name__} overrides {own[0]}"
         if self._fixed_info:
             return "fixed_info adds entries of the last step to every info"
         if self.robot.lidar.scan_time:

@@ -208,6 +208,7 @@ def test_success_terminates_and_pays(task, arguments, action, reason, term):
     assert 0.25 < info.get("distance_to_goal", 0.3) <= 0.3
 
 
+IGNORED = {"observations": ("scan",), "clip_actions": True}
 BAD_ARGUMENTS = [
     ("Explore", {"robot": "r2d2"}, "r2d2"),
     ("Explore", {"physics": "mujoco"}, "mujoco"),
@@ -255,7 +256,14 @@ BAD_ARGUMENTS = [
     ("ExploreFrontiers", {"max_candidates": 5.0}, "max_candidates must be an integer"),
     ("ExploreFrontiers", {"max_candidates": 10**9}, "max_candidates .* from 1 to 1,000"),
     ("ExploreFrontiers", {"max_decision_time": "4"}, "max_decision_time"),
-    ("ExploreFrontiers", {"observations": ("scan",)}, "observations is not an argument of frontier environments"),
+    *(("ExploreFrontiers", {n: v}, f"{n!r} has no effect .* lidarnaut/Explore-v0") for n, v in IGNORED.items()),
+    *(("ExploreTeamFrontiers", {n: v}, f"{n!r} has no effect .* lidarnaut/ExploreTeam-v0") for n, v in IGNORED.items()),
+    ("ExploreTeamFrontiers", {"collision_monitor": True}, "'collision_monitor' .* lidarnaut/ExploreTeam-v0"),
+    *(
+        ("ExploreFrontiersAbstract", {name: value}, f"{name!r} has no effect .* lidarnaut/ExploreFrontiers-v0")
+        for name, value in {"people": 3, "track_people": True, "sensors": [object()], "collision_monitor": True}.items()
+    ),
+    ("ExploreFrontiersAbstract", {"reward": {"jerk": -1.0}}, r"\['jerk'\] have no .* lidarnaut/ExploreFrontiers-v0"),
     ("Navigate", {"localizer": "gps"}, "gps"),
     ("Navigate", {"amcl": "nav3"}, "nav3"),
     ("Navigate", {"initial_pose": "unknown", "localizer": "odometry"}, "initial_pose='unknown' needs"),

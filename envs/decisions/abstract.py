@@ -11,9 +11,10 @@ from lidarnaut.envs.decisions.explore_frontiers import EPISODE_END, ExploreFront
 from lidarnaut.envs.geometry import ORIGIN, Pose2D, wrap_angle
 from lidarnaut.envs.navigation.controllers.navigator_kernels import DRIVING, FAILED, REACHED, SPUN, TIME_UP
 from lidarnaut.envs.simulation import KinematicSimulator
+from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.step import step_people
-from lidarnaut.envs.simulation.records import THETA, X
 from lidarnaut.envs.slam import KnownPoses
+from lidarnaut.envs.task import COLUMNS
 
 SPEED_SHARE = 0.97
 """Mean speed along a path, divided by the maximum speed."""
@@ -25,6 +26,8 @@ HEADING_DISTANCE = 0.4
 """Distance along the path to the point that defines the initial heading [m]."""
 DRIFT_LENGTH = 8.0
 """Correlation length of the pose error along the path [m]."""
+DRIVEN = "lidarnaut/ExploreFrontiers-v0"
+"""Id of the environment with simulated driving."""
 
 
 class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
@@ -52,7 +55,8 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     As in `ExploreFrontiersEnv`.
 
     ## Arguments
-    As in `ExploreFrontiersEnv`, without `return_home`; `randomize` accepts lidar parameters only.
+    As in `ExploreFrontiersEnv`, without `return_home`, `people`, `track_people`, `sensors` and `collision_monitor`;
+    `randomize` accepts lidar parameters only, and `reward` no speeds, actions or gaps to people.
 
     | argument | default | meaning |
     |---|---|---|
@@ -66,6 +70,9 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     ## Version History
     * v0: first version
     """
+
+    ignores = dict.fromkeys(("return_home", "people", "track_people", "sensors", "collision_monitor"), DRIVEN)
+    ignores |= ExploreFrontiersEnv.ignores
 
     def __init__(
         self,
@@ -81,8 +88,6 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         for name, value, allowed in (("physics", physics, "kinematic"), ("slam", slam, "truth")):
             if value != allowed:
                 raise ValueError(f"{name} must be {allowed!r} in this environment, got {value!r}")
-        if arguments.get("return_home"):
-            raise ValueError("return_home is not supported without driving: choose lidarnaut/ExploreFrontiers-v0")
         if others := [name for name in arguments.get("randomize") or () if not name.startswith("lidar.")]:
             raise ValueError(f"randomize must name only lidar parameters in this environment, got {others}")
         check_positive(scan_distance=scan_distance)
@@ -91,6 +96,8 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         if not 0.0 <= false_returns < 1.0:
             raise ValueError(f"false_returns must lie in [0, 1), got {false_returns!r}")
         super().__init__(physics=physics, slam=slam, map_resolution=map_resolution, **arguments)
+        if unknown := [name for name in self.explore.task.rewards.shared if name in COLUMNS]:
+            raise ValueError(f"reward terms {unknown} have no effect in {type(self).__name__}; choose {DRIVEN}")
         robot, self._scan_distance, self._false_returns = self.robot, scan_distance, false_returns
         self._simulator = cast(KinematicSimulator, self.explore.simulator)
         self._mapping = cast(KnownPoses, self.explore.robots[0].estimator)
@@ -103,6 +110,8 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         self._error = ORIGIN
         started = super().reset(seed=seed, options=options)
+        # Gaps to people of the world are not measured between scans.
+        self.explore.rows.numbers[0, at.LEAST_GAP : at.HIT_BY_PERSON + 1] = math.nan
         # Scan obstacles do not move with the robot here: plan on the map only.
         record = self.navigator.navigator.record
         record["num_remembered"] = record["num_seen"] = record["num_obstacles"] = 0
@@ -179,7 +188,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         if not is_free:
             true_pose = truth.state.pose
             pose = explore.map_pose.between(true_pose.compose(error.inverse()))
-        rows.numbers[0, X : THETA + 1] = true_pose
+        rows.numbers[0, at.X : at.THETA + 1] = true_pose
         rows.go_to(rows.steps + count)
         for _ in range(count if len(simulator.crowd.rows) else 0):
             step_people(*simulator.crowd.arrays, rows.numbers)

@@ -108,7 +108,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     or `"arrived_home"` if the robot is home by its estimate but truly more than 0.3 m away.
 
     ## Arguments
-    As in `Explore-v0`, without `observations`, and
+    As in `Explore-v0`, without `observations` and `clip_actions`, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -123,6 +123,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     metadata = LidarEnv.metadata
     task_kind: type[Explore] = Explore
     """Class of the exploration task."""
+    ignores: Mapping[str, str] = dict.fromkeys(("observations", "clip_actions"), "lidarnaut/Explore-v0")
+    """Arguments that have no effect here, and are refused: the id of an environment that honours each."""
 
     def __init__(
         self,
@@ -134,8 +136,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     ) -> None:
         if not (is_whole(max_candidates) and 1 <= max_candidates <= MAX_CANDIDATES):
             raise ValueError(f"max_candidates must be an integer from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
-        if "observations" in arguments:
-            raise ValueError("observations is not an argument of frontier environments: see Observation Space")
+        for name, id in self.ignores.items():
+            if arguments.get(name):
+                raise ValueError(f"argument {name!r} has no effect in {type(self).__name__}; choose {id}")
         check_positive(max_decision_time=max_decision_time)
         self.explore = env = LidarEnv(self.task_kind, control_hz=control_hz, **arguments)
         """Underlying environment with velocity commands. Its observations are not used."""
@@ -260,9 +263,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
             return f"task {type(env.task).__name__} needs every control period"
-        own = env.sensors or env.task.rewards.shared
-        if own or env.on_period or env.render_mode == "human" or env.robots[0].tracker is not None:
-            return "custom sensors, rewarded speeds, people trackers, recorders and windows need every control period"
+        own = env.sensors or env.task.rewards.shared or env.collision_monitor or env.robots[0].tracker
+        if own or env.on_period or env.render_mode == "human":
+            return "sensors, rewarded speeds, monitors, trackers, recorders and windows need every control period"
         return ""
 
     @property
@@ -297,11 +300,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _control(self, *twists: Twist) -> None:
         explore = self.explore
-        if explore.render_mode == "human":
-            explore.render()
         for robot, twist in zip(explore.robots, twists, strict=True):
             robot.action = twist.v / robot.params.max_v, twist.w / robot.params.max_w
-        explore.advance(twists)
+        explore.advance(explore.limited(list(twists)))
         self._note(1, 0)
 
     def _drive_home(self) -> str | None:
@@ -350,6 +351,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _note(self, count: int, contacts: int) -> None:
         self._steps += count
+        if self.render_mode == "human":
+            self.render()
         period, quantities = self.explore.control_period, self._quantities
         for name, quantity in self.explore.task.quantities().items():
             quantities[name] += quantity

@@ -60,7 +60,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     of the deciding robot's last drive.
 
     ## Arguments
-    As in `ExploreFrontiers-v0`, without `return_home`, and
+    As in `ExploreFrontiers-v0`, without `return_home` and `collision_monitor`, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -72,10 +72,10 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     """
 
     task_kind = ExploreTeam
+    ignores = dict.fromkeys(("observations", "clip_actions", "collision_monitor"), "lidarnaut/ExploreTeam-v0")
+    ignores["return_home"] = "lidarnaut/ExploreFrontiers-v0"
 
     def __init__(self, *, num_robots: int = 2, **arguments: Any) -> None:
-        if arguments.get("return_home"):
-            raise ValueError("return_home supports one robot only: choose lidarnaut/ExploreFrontiers-v0")
         super().__init__(num_robots=num_robots, **arguments)
         self._peers = Peers(num_robots - 1)
         if num_robots > 1:

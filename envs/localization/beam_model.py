@@ -75,7 +75,7 @@ def multiply_by_beams(field, ranges, geometry, mixture, particles, weights):
     resolution, (corner_x, corner_y) = field.resolution, field.origin
     mount_x, mount_y, range_max = geometry.mount_x, geometry.mount_y, geometry.range_max
     cosines, sines = geometry.directions[0].astype(np.float32), geometry.directions[1].astype(np.float32)
-    longest = np.float32(range_max / resolution)
+    longest = np.float32(min(range_max / resolution, 2.0**23))  # float32 holds no half cells beyond
     mean = 0.0
     for i in range(weights.shape[0]):
         c, s = cosine(particles[2, i]), sine(particles[2, i])

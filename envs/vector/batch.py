@@ -9,6 +9,7 @@ from numba import njit
 from numba.typed import List
 
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.overrides import overridden
 from lidarnaut.envs.robot import SCAN
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import BLOCK
@@ -21,9 +22,6 @@ OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
 """Keys of `info` that are common to all tasks."""
 MOST_POSITIONS = 256
 """Maximum number of positions buffered per robot before they are appended to recorded paths."""
-HAS_COLUMNS, UPDATES_ROWS, HAS_NO_MAPS = range(3)
-"""Columns of properties that select the methods of a batch: rewards with the weights of the first sub-environment, a
-task with `update_rows`, dead reckoning without a map."""
 
 
 @njit(cache=True)
@@ -90,6 +88,8 @@ class Batch:
             name: _has_own(part, "write_rows", "write", of="lidarnaut.") for name, part in env.parts.items()
         }
         self._are_alike = np.zeros((len(envs), 3), dtype=np.bool_)
+        """Whether the rewards have the weights of the first sub-environment, the task has `update_rows`, and the
+        estimators are dead reckoning without a map. A batch has these properties if all sub-environments do."""
         self._trails = Trails(envs)
         self._names: Iterable[str] = ()  # names of reward quantities
         self._levels: dict[float, Any] = {}
@@ -114,29 +114,18 @@ class Batch:
             rewards, weights = env.task.rewards, envs[0].task.rewards.weights
             is_unobserved = not env.sensors and env.on_period is None
             self._are_alike[i] = (
-                not rewards.reads_shared and rewards.weights == weights,
+                not (rewards.reads_shared or overridden(rewards)) and rewards.weights == weights,
                 is_unobserved and _has_own(env.task, "update_rows", "update", "quantities", "metrics", "end_reason"),
                 all(type(robot.estimator) is DeadReckoning for robot in env.robots) and env.priors[0].map is None,
             )
             self._time_limits[i] = env.time_limit
             follows = all(robot.estimator.follows_odometry and robot.tracker is None for robot in env.robots)
             self._rests[i] = follows and is_unobserved and (env.task.rests_between_scans or self._are_alike[i, 1])
+        self._has_columns, self._updates_rows, self._has_no_maps = np.all(self._are_alike, axis=0).tolist()
 
     @property
     def _num_robots(self) -> int:
         return len(self._envs[0].robots)
-
-    @property
-    def _has_columns(self) -> bool:
-        return bool(self._are_alike[:, HAS_COLUMNS].all())
-
-    @property
-    def _updates_rows(self) -> bool:
-        return bool(self._are_alike[:, UPDATES_ROWS].all())
-
-    @property
-    def _has_no_maps(self) -> bool:
-        return bool(self._are_alike[:, HAS_NO_MAPS].all())
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
         """Step the active sub-environments by one control period, and return a mask of ended episodes.
@@ -152,8 +141,7 @@ class Batch:
         self._has_scanned = (flags % 2.0 == SCAN).any(axis=1)
         is_over = active & (is_last | (self._times >= self._time_limits - 1e-6))
         columns: Any = None
-        updates_rows = self._updates_rows
-        if updates_rows:
+        if self._updates_rows:
             *columns, has_ended = self._envs[0].task.update_rows(self)
             is_over |= active & has_ended
         busy = active & (~self._rests | self._has_scanned | self._is_new[:: self._num_robots] | is_over)
@@ -165,14 +153,14 @@ class Batch:
         self._finish(chosen)
         self._is_behind = (self._is_behind | idle) & ~busy
         self._observe(np.flatnonzero(active).tolist())
-        if not updates_rows:
+        if not self._updates_rows:
             for i in chosen:
                 is_over[i] |= self._envs[i].task.end_reason is not None
         going = active & ~is_over
         if going.any():
             chosen = np.flatnonzero(busy & going).tolist()
             self._judge(going, chosen, columns, records)
-            if not updates_rows:
+            if not self._updates_rows:
                 self._note_metrics(chosen, records)
         return is_over
 
@@ -184,9 +172,8 @@ class Batch:
     def _finish(self, indices: Sequence[int]) -> None:
         if self._has_no_maps:
             self._trails.extend(indices)
-        updates_rows = self._updates_rows
         for i in indices:
-            self._envs[i].locate() if updates_rows else self._envs[i].finish()
+            self._envs[i].locate() if self._updates_rows else self._envs[i].finish()
 
     def _drive(self, active: np.ndarray) -> None:
         numbers, envs = self.numbers, self._envs

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.core import LidarEnv, lidar_env_of
+from lidarnaut.envs.overrides import overridden
 
 from .batch import Batch
 from .memory import Extras, Memory, Records, parts_of, whole_of
@@ -42,7 +43,7 @@ class Shard:
         self._arrays = arrays = memory.arrays().rows(share)
         self._mode = autoreset_mode
         self._max_steps = max_episode_steps
-        self._is_wrapped = self.envs[0] is not self._inner[0]
+        self._is_own = np.array([is_own(env) for env in self.envs])
         self._rows = [{name: array[i] for name, array in arrays.observations.items()} for i in range(len(self.envs))]
         self._steps = np.zeros(len(self.envs), dtype=np.int64)
         self._has_ended = np.zeros(len(self.envs), dtype=np.bool_)
@@ -100,10 +101,12 @@ class Shard:
 
     def _outcome(self, i: int, is_last: bool) -> tuple[float, bool, bool, dict[str, Any]]:
         env, action = self.envs[i], self._arrays.actions[i].copy()  # wrappers may keep it
-        if self._is_wrapped:
-            observation, *outcome = env.step(action)
+        if self._is_own[i]:
+            observation, reward, terminated, truncated, info = env.step(action)
             self._write(i, observation)
-            return outcome
+            if is_last and not (terminated or truncated):  # as `judge` does
+                info, truncated = {**info, **lidar_env_of(env).final_metrics(), "end_reason": "time_limit"}, True
+            return reward, terminated, truncated, info
         if self._batch is None:
             env.apply(action)
             env.observe(self._rows[i])
@@ -152,10 +155,11 @@ class Shard:
             row[...] = parts[name]
 
     def _bind(self, indices: Sequence[int]) -> None:
+        self._is_own[indices] = [is_own(self.envs[i]) for i in indices]
         if not self._records.kinds:
             return
         changed = [self.envs[i] for i in (range(len(self.envs)) if self._batch is None else indices)]
-        if self._is_wrapped or not all(isinstance(env, LidarEnv) and env.is_fused for env in changed):
+        if self._is_own.any() or not all(isinstance(env, LidarEnv) and env.is_fused for env in changed):
             self._batch = None
             return
         if self._batch is None:
@@ -170,6 +174,11 @@ class Shard:
         else:
             self._has_ended[i] = True
         self._records.note(i, info)
+
+
+def is_own(env: Any) -> bool:
+    """Return True if an environment has wrappers or overridden methods, so that only its own `step` may step it."""
+    return env is not env.unwrapped or bool(overridden(env))
 
 
 def _prepare(env: Any) -> None:

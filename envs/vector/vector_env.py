@@ -19,7 +19,7 @@ from lidarnaut.envs.arguments import clip_hint, is_whole, read_action, read_opti
 from lidarnaut.envs.processes import interrupts_delayed, num_cores
 
 from .memory import Absent, Extras, Memory, from_record, kinds_of, whole_of
-from .shard import Shard
+from .shard import Shard, is_own
 from .workers import Worker
 
 MAX_ENVS = 100_000
@@ -95,7 +95,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self.observation_space = batch_space(env.observation_space, num_envs)
         self.action_space = batch_space(env.action_space, num_envs)
         self.metadata, self.render_mode = {**env.metadata, "autoreset_mode": autoreset_mode}, env.render_mode
-        self._kind, self._is_wrapped = type(env.unwrapped), env is not env.unwrapped
+        self._kind, self._is_own = type(env.unwrapped), is_own(env)
         self._clips_actions = getattr(env.unwrapped, "clip_actions", False)
         env.close()
         multiprocessing_context = multiprocessing.get_context(context)
@@ -253,7 +253,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         actions = read_action(actions)
         if actions.shape != (self.num_envs, *space.shape):  # type: ignore[misc]
             raise ValueError(f"actions must have shape {(self.num_envs, *space.shape)}, got {actions.shape}")  # type: ignore[misc]
-        if self._is_wrapped:  # wrappers may change the action space
+        if self._is_own:  # it may have another action space
             return actions.astype(space.dtype, copy=False)
         if isinstance(space, spaces.Discrete):
             if not np.issubdtype(actions.dtype, np.integer):

@@ -8,7 +8,7 @@ from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.geometry.lines import next_cell, start_walk
 
-from .world import MAX_COORDINATE, World
+from .world import World
 
 MAX_CELLS = 100_000_000
 """Maximum number of cells of a raster, such as 500 m x 500 m at 0.05 m."""
@@ -115,22 +115,11 @@ def check_world(world: World) -> World:
     """Validate a world and return it.
 
     Raises:
-        ValueError: the world is not closed or too large; coordinates are not finite; or spawns or goals are missing, in
-            collision, out of bounds or unreachable.
+        ValueError: the world is not closed or too large; or spawns or goals are missing, in collision, out of bounds or
+            unreachable.
     """
     if not world.spawns:
         raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
-    numbers = [(what, getattr(world, what)) for what in ("bounds", "segments", "circles", "spawns", "goals", "docks")]
-    rows = world.magnets if getattr(world.magnets, "dtype", None) == np.float64 else np.empty(0)
-    if rows.shape[1:] != (4,) or not np.isfinite(rows).all() or (rows[:, 3] <= 0.0).any():
-        allowed = "an array of shape (k, 4), float64, of finite x, y, strength and positive decay"
-        raise ValueError(f"world {world.name!r}: magnets must be {allowed}, got {world.magnets!r}")
-    for what, values in numbers + [("people", person.waypoints) for person in world.people]:
-        farthest = np.abs(np.asarray(values, dtype=np.float64)).max(initial=0.0)
-        if not farthest <= MAX_COORDINATE:
-            raise ValueError(
-                f"world {world.name!r}: {what} contain {farthest:g}; at most {MAX_COORDINATE:g} m is allowed"
-            )
     if len(world.goals) not in (0, len(world.spawns)):
         goals, spawns = len(world.goals), len(world.spawns)
         raise ValueError(f"world {world.name!r} has {goals} goals and {spawns} spawns; give one for each or none")

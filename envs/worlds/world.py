@@ -1,3 +1,4 @@
+import reprlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import wraps
@@ -11,11 +12,28 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 Result = TypeVar("Result")
 MAX_COORDINATE = 1e7
 """Maximum absolute coordinate or size in a world [m]."""
+MAX_RADIUS, MAX_SPEED = 10.0, 100.0
+"""Maximum radius [m] and speed [m/s] of a person on a fixed route."""
+MIN_ROUTE_SIZE = 1e-4
+"""Minimum extent of a fixed route along x or y [m]. On a shorter one, a step would pass too many waypoints."""
+
+
+def read_route(waypoints: Any) -> np.ndarray:
+    """Return the waypoints of a person as a new array, shape (k, 2), float64 [m]; ValueError if they are no route."""
+    points = np.array(waypoints, dtype=np.float64)
+    is_valid = points.shape[1:] == (2,) and len(points) > 0 and np.abs(points).max() <= MAX_COORDINATE
+    if not (is_valid and np.ptp(points, axis=0).max() >= MIN_ROUTE_SIZE):
+        allowed = f"different points [x, y], at least {MIN_ROUTE_SIZE:g} m apart and at most {MAX_COORDINATE:g} m away"
+        raise ValueError(f"a route needs two {allowed}, got {reprlib.repr(points.tolist())}")
+    return points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedRoute:
-    """Person walking on a closed polyline at constant speed, waiting if a robot is in the way."""
+    """Person walking on a closed polyline at constant speed, waiting if a robot is in the way.
+
+    ValueError if the polyline has no length, or a number is out of range.
+    """
 
     radius: float
     waypoints: np.ndarray
@@ -23,12 +41,19 @@ class FixedRoute:
     speed: float
     """Speed along the polyline [m/s]."""
 
+    def __post_init__(self) -> None:
+        for name, highest in (("radius", MAX_RADIUS), ("speed", MAX_SPEED)):
+            if not 0.0 < (value := getattr(self, name)) <= highest:
+                raise ValueError(f"{name} of a person must be positive and at most {highest:g}, got {value!r}")
+        object.__setattr__(self, "waypoints", read_route(self.waypoints))
+
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class World:
     """Static geometry, start poses, goals and people of a simulated world.
 
-    Walls and bodies are a horizontal section at lidar height, extruded to `height`.
+    Walls and bodies are a horizontal section at lidar height, extruded to `height`. ValueError if coordinates are not
+    finite or too large.
     """
 
     name: str
@@ -59,6 +84,17 @@ class World:
     magnets: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
     """Magnetic sources (x, y, strength, decay) that disturb compasses: shape (k, 4), float64. A source adds an error of
     `strength` [rad] to headings within 1 m, and of strength / distance^decay beyond."""
+
+    def __post_init__(self) -> None:
+        for what in ("bounds", "segments", "circles", "spawns", "goals", "docks"):
+            farthest = np.abs(np.asarray(getattr(self, what), dtype=np.float64)).max(initial=0.0)
+            if not farthest <= MAX_COORDINATE:
+                most = f"at most {MAX_COORDINATE:g} m is allowed"
+                raise ValueError(f"world {self.name!r}: {what} contain {farthest:g}; {most}")
+        rows = self.magnets if getattr(self.magnets, "dtype", None) == np.float64 else np.empty(0)
+        if rows.shape[1:] != (4,) or not np.isfinite(rows).all() or (rows[:, 3] <= 0.0).any():
+            allowed = "an array of shape (k, 4), float64, of finite x, y, strength and positive decay"
+            raise ValueError(f"world {self.name!r}: magnets must be {allowed}, got {self.magnets!r}")
 
     def scaled(self, factor: float) -> "World":
         """Return the world scaled by `factor` in x and y, including the speeds of people."""

@@ -8,12 +8,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from lidarnaut.envs.geometry import Pose2D
 
 from .raster import check_world
-from .world import MAX_COORDINATE, FixedRoute, World, box, edges
+from .world import MAX_COORDINATE, MAX_RADIUS, MAX_SPEED, FixedRoute, World, box, edges, read_route
 
 DIPOLE_DECAY = 3.0
 """Exponent of the decay of a magnetic dipole's field with distance."""
-MAX_SPEED = 100.0
-"""Maximum speed of a person on a fixed route [m/s]."""
 
 Number = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE, allow_inf_nan=False)]
 Size = Annotated[float, Field(gt=0.0, le=MAX_COORDINATE, allow_inf_nan=False)]
@@ -60,9 +58,9 @@ class RouteFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    radius: Size
+    radius: float = Field(gt=0.0, le=MAX_RADIUS, allow_inf_nan=False)
     speed: float = Field(gt=0.0, le=MAX_SPEED, allow_inf_nan=False)
-    waypoints: Annotated[Rows, _columns("x, y"), Field(min_length=2)]
+    waypoints: Annotated[Rows, _columns("x, y"), AfterValidator(read_route)]
 
 
 class WorldFile(BaseModel):
@@ -148,9 +146,7 @@ def build_world(name: str, file: WorldFile) -> World:
         magnets=np.array([(*row, DIPOLE_DECAY)[:4] for row in file.magnets]).reshape(-1, 4),
         spawns=tuple(Pose2D(*row) for row in file.spawns),
         bounds=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
-        people=tuple(
-            FixedRoute(one.radius, np.array(one.waypoints, dtype=np.float64), one.speed) for one in file.people
-        ),
+        people=tuple(FixedRoute(one.radius, np.array(one.waypoints), one.speed) for one in file.people),
         goals=tuple(Pose2D(*row) for row in file.goals),
         docks=tuple(Pose2D(*row) for row in file.docks),
         height=file.height,

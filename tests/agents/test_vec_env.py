@@ -39,6 +39,11 @@ class Limited(LidarEnv):
         super().__init__(Explore, **arguments)
 
 
+class Own(Limited):
+    def reward_terms(self, quantities):
+        return {"time": 7.0}
+
+
 def wrapped(**arguments):
     return TimeLimit(Limited(**arguments), 8)
 
@@ -48,6 +53,7 @@ VECTOR = {"vector_entry_point": "lidarnaut.envs.vector:LidarEnvs", "kwargs": {"t
 LIMITED = {
     "package": {"entry_point": LidarEnv, "max_episode_steps": 8, **VECTOR},
     "class": {"entry_point": Limited, "max_episode_steps": 8},
+    "own methods": {"entry_point": Own, "max_episode_steps": 8},
     "function": {"entry_point": wrapped},
     "wrappers": {"entry_point": Limited, "additional_wrappers": (WRAPPER,)},
 }

@@ -14,6 +14,7 @@ from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.estimation import Correction, MapUpdate
 from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.navigation import GainOverCost
+from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.navigation.frontiers.candidates import COST
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
@@ -231,3 +232,34 @@ def test_an_abstract_lidar_that_looks_ahead_looks_around():
     env = ExploreFrontiersAbstractEnv(**LARGER | {"robot": "raspimouse", "target_coverage": 0.8})
     info, _ = explore_by_rule(env, 1)
     assert info["explored_fraction"] > 0.5
+
+
+def test_a_collision_monitor_slows_the_navigator_down(monkeypatch):
+    def stop(self, commands, ranges, active):
+        commands[:, 0] = 0.0
+
+    monkeypatch.setattr(CollisionMonitor, "slow_down", stop)
+    for has_one in (False, True):
+        env = ExploreFrontiersEnv(**QUICK, collision_monitor=has_one)
+        info = explore(env, 3, 2)[-1][-1]
+        assert env.is_fused != has_one
+        assert (info["path_length"] < 0.05) == has_one
+
+
+def test_gaps_to_people_that_are_not_measured_are_nan():
+    env = ExploreFrontiersAbstractEnv(world="turtlebot3_stage_4", time_limit=4.0)
+    info = explore(env, 0, 20)[-1][-1]
+    assert info["end_reason"] == "time_limit"
+    for name in ("least_gap", "least_time_to_collision", "intrusion_time", "hit_wall", "hit_person", "hit_by_person"):
+        assert math.isnan(info[name])
+
+
+@pytest.mark.parametrize("kind", [ExploreFrontiersEnv, ExploreFrontiersAbstractEnv])
+def test_windows_show_the_drive(kind, monkeypatch):
+    times = []
+    monkeypatch.setattr(LidarEnv, "render", lambda self: times.append(self.time))
+    env = kind(**QUICK, render_mode="human")
+    info = explore(env, 3, 2)[-1][-1]
+    assert times == sorted(times)
+    assert (times[0], times[-1]) == (0.0, info["time"])
+    assert len(times) > 5

@@ -5,6 +5,13 @@ import pytest
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation import DwbPlanner, MppiPlanner, PathFollower
+from lidarnaut.envs.navigation.controllers.regulated_pursuit import (
+    FOLLOWER_FIELDS,
+    as_record,
+    follow,
+    follower_numbers,
+    record_type,
+)
 from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
 from lidarnaut.envs.simulation import Twist
 from tests.navigation.driving import PERIOD, drive, path_through
@@ -77,3 +84,11 @@ def test_walls_beside_the_path_do_not_slow_down_and_what_lies_on_it_does():
     assert speeds[20:160].min() > 0.95 * robot.max_v
     follower.set_path(path_through([0.0, 0.0], [4.0, 0.0]))
     assert follower.command(Pose2D(1.8, 0.0, 0.0), Twist(0.2, 0.0), np.array([[0.2, 0.0]])).v < 0.6 * robot.max_v
+
+
+def test_a_robot_of_unknown_speed_plans_as_if_slow():
+    numbers = as_record(follower_numbers(load_robot("turtlebot3_burger"), PERIOD))[0]
+    path, wall = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]), np.array([[0.05, 0.0]])
+    states = np.zeros(2, dtype=record_type(FOLLOWER_FIELDS))
+    slow, unknown = (follow(state, path, 0.0, 0.0, 0.0, v, wall, numbers) for state, v in zip(states, (0.0, math.nan)))
+    assert unknown == slow

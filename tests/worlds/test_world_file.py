@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarnaut.envs.worlds import load_world
+from lidarnaut.envs.worlds import FixedRoute, load_world
 from lidarnaut.envs.worlds.raster import check_world
 
 GOOD = """
@@ -68,7 +68,13 @@ def test_every_kind_of_body(tmp_path):
         ("[[3.5, 0.5, 0.0]]", "[[3.0, 2.0, 0.0]]", r"goal \(3\.0, 2\.0\) lies inside a solid body"),
         ("[[3.5, 0.5, 0.0]]", "[[9.0, 0.5, 0.0]]", r"goal \(9\.0, 0\.5, 0\.0\) lies outside its bounds"),
         ("speed: 0.5", "speeed: 0.5", "unknown key 'people.0.speeed'"),
-        ("[[0.5, 1.5], [1.5, 1.5]]", "[[0.5, 1.5]]", r"people\.0\.waypoints"),
+        *(
+            ("[[0.5, 1.5], [1.5, 1.5]]", points, r"people\.0\.waypoints: .*two different points")
+            for points in ("[[0.5, 1.5]]", "[[0.5, 1.5], [0.5, 1.5]]", "[[0.5, 1.5], [0.5, 1.5000000001]]", "[]")
+        ),
+        ("[[0.5, 1.5], [1.5, 1.5]]", "[[0.5, 1.5], [.nan, 1.5]]", r"people\.0\.waypoints"),
+        ("radius: 0.1", "radius: 11.0", r"people\.0\.radius: .*less than or equal to 10"),
+        ("speed: 0.5", "speed: 0.0", r"people\.0\.speed: .*greater than 0"),
         ("[[0.5, 0.5, 1.57]]", "[]", "spawns"),
         ("[[0.5, 0.5, 1.57]]", "[[3.1, 1.1, 0]]", r"spawn \(3\.1, 1\.1\) lies inside a solid body"),
         ("[[0.5, 0.5, 1.57]]", "[[2.0, 0.5, 0]]", "inside a solid body"),
@@ -97,6 +103,36 @@ def test_a_changed_file_is_read_again(tmp_path):
     (tmp_path / "hall.yaml").write_text(GOOD.replace("0.25]]", "0.35]]"))
     os.utime(tmp_path / "hall.yaml", ns=(1, 1))
     assert load_world(tmp_path / "hall.yaml").circles[0, 2] == 0.35
+
+
+@pytest.mark.parametrize(
+    ("changes", "culprit"),
+    [
+        *(
+            ({"waypoints": points}, "two different points")
+            for points in (
+                *([], [[1.0, 1.0]], [[1.0, 1.0], [1.0, 1.0]], [[0.1 + 0.2, 1.0], [0.3, 1.0]], [1.0, 1.0, 2.0]),
+                *([[1.0, 1.0], [math.nan, 1.0]], [[1.0, 1.0], [math.inf, 1.0]], [[1.0, 1.0, 0.0], [2.0, 1.0, 0.0]]),
+                [[1.0, 1.0], [1e8, 1.0]],
+            )
+        ),
+        *(({"speed": speed}, "speed of a person") for speed in (0.0, -0.5, math.nan, math.inf, 101.0)),
+        *(({"radius": radius}, "radius of a person") for radius in (0.0, -0.1, math.nan, math.inf, 11.0)),
+    ],
+)
+def test_people_without_a_route_are_refused(changes, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        FixedRoute(**{"radius": 0.2, "waypoints": [[1.0, 1.0], [2.0, 1.0]], "speed": 0.5, **changes})
+
+
+@pytest.mark.parametrize("what", ["segments", "circles", "bounds", "spawns", "goals", "docks"])
+@pytest.mark.parametrize("number", [math.nan, math.inf, 2e7])
+def test_worlds_in_memory_have_finite_coordinates(what, number):
+    world = load_world("turtlebot3_world")
+    values = np.array(getattr(world, what) or [(0.0, 0.0, 0.0)] if what in ("goals", "docks") else getattr(world, what))
+    values.flat[0] = number
+    with pytest.raises(ValueError, match=f"{what} contain"):
+        replace(world, **{what: values})
 
 
 @pytest.mark.parametrize(

@@ -192,7 +192,7 @@ def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
         free = _free(ahead, left, lookahead, numbers.reach, obstacles, numbers)
         if free >= lookahead:
             return ahead, left, free
-        if lookahead <= numbers.min_lookahead:
+        if not lookahead > numbers.min_lookahead:
             return _sidestep(state, ahead, left, free, obstacles, numbers)
         lookahead = max(0.6 * lookahead, numbers.min_lookahead)
 
@@ -237,7 +237,8 @@ def follow(state, path, x, y, theta, v_now, obstacles, numbers):
     base frame [m].
     """
     state.index = nearest_index(path, x, y, state.index, NEAREST_WINDOW)
-    lookahead = numbers.lookahead_time * max(abs(v_now), numbers.min_speed * numbers.max_v)
+    # In this order, NaN counts as the minimum speed.
+    lookahead = numbers.lookahead_time * max(numbers.min_speed * numbers.max_v, abs(v_now))
     lookahead = min(max(lookahead, numbers.min_lookahead), numbers.max_lookahead)
     near = points_within(obstacles, max(lookahead, numbers.look) + numbers.reach)
     ahead, left, free = _carrot(state, path, x, y, theta, lookahead, near, numbers)

@@ -21,6 +21,8 @@ SUBSTEP, ORCA_SUBSTEP = 0.05, 0.1
 """Maximum time steps of the social force model and of ORCA [s]."""
 LEG_RADIUS, LEG_OFFSET, STRIDE = 0.06, 0.1, 0.35
 """Radius of a leg, sideways distance of a leg from the body's centre, and stride length [m]."""
+MAX_CORNERS = 100_000
+"""Maximum number of waypoints that a person passes in a time step. Any `FixedRoute` of two points has fewer."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -83,7 +85,7 @@ def _walk(people, directions, discs, walls, setup, dt):
 @njit(cache=True, error_model="numpy")
 def _follow_route(person, points, dt):
     left = person[at.SPEED] * dt
-    while left > 0.0:
+    for _ in range(MAX_CORNERS):
         goal = int(person[at.GOAL])
         dx, dy = points[goal, 0] - person[at.X], points[goal, 1] - person[at.Y]
         distance = math.hypot(dx, dy)

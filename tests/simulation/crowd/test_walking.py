@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.simulation.crowd import Crowd
+from lidarnaut.envs.simulation.crowd import Crowd, People
 from lidarnaut.envs.simulation.crowd import person_row as at
-from tests.crowds import CORRIDOR, DOORWAY, FAR_AWAY, HALL, SCENES, begin, robots_at_poses, walk, watch
+from lidarnaut.envs.worlds import FixedRoute
+from tests.crowds import CORRIDOR, DOORWAY, FAR_AWAY, HALL, PERIOD, SCENES, begin, robots_at_poses, walk, watch
 from tests.rooms import make_room
 
 
@@ -101,3 +102,22 @@ def test_the_fast_and_thin_do_not_get_through_walls():
     for _ in range(20):
         people.rows[:, at.VX], people.rows[:, at.VY] = 6.0, 0.0
         assert (walk(people, 1)[..., at.X] <= -0.1 + 1e-5).all()
+
+
+@pytest.mark.parametrize(
+    "waypoints", [[(0, 0), (0, 0), (1, 0)], [(0, 0), (1, 0), (0, 0)], [(0, 0), (1, 0), (1, 0), (1, 0)]]
+)
+@pytest.mark.parametrize("speed", [1e-300, 0.5, 100.0])
+def test_people_pass_repeated_points_of_a_route(waypoints, speed):
+    people = People()
+    people.reset(replace(HALL, people=(FixedRoute(0.3, waypoints, speed),)), (), 0.3, None)
+    rows = walk(people, 50)
+    travelled = speed * PERIOD * np.arange(1, 51) % 2.0
+    np.testing.assert_allclose(rows[:, 0, at.X], np.minimum(travelled, 2.0 - travelled), atol=1e-6)
+
+
+def test_a_route_that_loses_its_length_later_stops_the_person():
+    people = People()
+    people.reset(replace(HALL, people=(FixedRoute(0.3, [(0, 0), (1, 0)], 0.5),)), (), 0.3, None)
+    people.points[:, :2] = 0.0
+    assert walk(people, 3)[-1, 0, at.X] == 0.0
