@@ -2,6 +2,7 @@ import itertools
 import math
 import pickle
 import warnings
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -17,6 +18,7 @@ except ImportError:
     check_sb3 = None
 
 from lidarnaut.envs.measures import PEOPLE
+from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.tasks.explore import Explore
 
 IDS = [id for id in gymnasium.registry if id.startswith("lidarnaut/")]
@@ -208,6 +210,8 @@ def test_success_terminates_and_pays(task, arguments, action, reason, term):
     assert 0.25 < info.get("distance_to_goal", 0.3) <= 0.3
 
 
+BURGER = load_robot("turtlebot3_burger")
+SPINNING = replace(BURGER, lidar=replace(BURGER.lidar, scan_time=0.18))
 IGNORED = {"observations": ("scan",), "clip_actions": True}
 BAD_ARGUMENTS = [
     ("Explore", {"robot": "r2d2"}, "r2d2"),
@@ -263,6 +267,7 @@ BAD_ARGUMENTS = [
         ("ExploreFrontiersAbstract", {name: value}, f"{name!r} has no effect .* lidarnaut/ExploreFrontiers-v0")
         for name, value in {"people": 3, "track_people": True, "sensors": [object()], "collision_monitor": True}.items()
     ),
+    ("ExploreFrontiersAbstract", {"robot": SPINNING}, "lidar.scan_time has no effect"),
     ("ExploreFrontiersAbstract", {"reward": {"jerk": -1.0}}, r"\['jerk'\] have no .* lidarnaut/ExploreFrontiers-v0"),
     ("Navigate", {"localizer": "gps"}, "gps"),
     ("Navigate", {"amcl": "nav3"}, "nav3"),

@@ -55,8 +55,9 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     As in `ExploreFrontiersEnv`.
 
     ## Arguments
-    As in `ExploreFrontiersEnv`, without `return_home`, `people`, `track_people`, `sensors` and `collision_monitor`;
-    `randomize` accepts lidar parameters only, and `reward` no speeds, actions or gaps to people.
+    As in `ExploreFrontiersEnv`, without `return_home`, `people`, `track_people`, `sensors`, `collision_monitor` and
+    lidars with a `scan_time`; `randomize` accepts lidar parameters only, and `reward` no speeds, actions or gaps to
+    people.
 
     | argument | default | meaning |
     |---|---|---|
@@ -98,6 +99,8 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         super().__init__(physics=physics, slam=slam, map_resolution=map_resolution, **arguments)
         if unknown := [name for name in self.explore.task.rewards.shared if name in COLUMNS]:
             raise ValueError(f"reward terms {unknown} have no effect in {type(self).__name__}; choose {DRIVEN}")
+        if self.robot.lidar.scan_time:
+            raise ValueError(f"lidar.scan_time has no effect in {type(self).__name__}; choose {DRIVEN}")
         robot, self._scan_distance, self._false_returns = self.robot, scan_distance, false_returns
         self._simulator = cast(KinematicSimulator, self.explore.simulator)
         self._mapping = cast(KnownPoses, self.explore.robots[0].estimator)
