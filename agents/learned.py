@@ -14,6 +14,7 @@ from lidarnaut.agents.frontiers.score import (
     ScoreExplorer,
 )
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
+from lidarnaut.baselines import ALL
 from lidarnaut.baselines.policy import Explorer, ObservationPolicy
 from lidarnaut.envs.files import read_bytes
 
@@ -32,6 +33,9 @@ def find_policy(path: str | Path) -> Path:
         if path.name not in names:
             raise CheckpointError(f"unknown policy {path}; available are pretrained/{', pretrained/'.join(names)}")
         path = PRETRAINED / path.name
+    name = str(path)
+    if name.partition("?")[0] in ALL and not path.exists():
+        raise CheckpointError(f"{name} is a classic policy, without a folder: lidarnaut.make_policy({name!r}) makes it")
     for folder in (path, path / POLICY):
         if (folder / RECORD_FILE).exists():
             return folder

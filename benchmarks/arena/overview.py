@@ -11,7 +11,7 @@ from lidarnaut.agents.statistics import Estimate, performance_profile
 from lidarnaut.benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
 from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.benchmarks.arena.leaderboard import measures_table, pairs_section, unfinished_section
-from lidarnaut.benchmarks.arena.measures import Measures
+from lidarnaut.benchmarks.arena.measures import Measures, few_starts
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table
 from lidarnaut.benchmarks.arena.plots import NUM_POINTS, draw_bands, draw_growth, render, sample_curves
 from lidarnaut.benchmarks.arena.trace import (
@@ -50,6 +50,7 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
 
     area, share = measures.headline, replace(measures.relative[0], limit="")
     within = f"{measures.mark} within this share of {reference}'s time"
+    few = few_starts(len(set(map(start_of, episodes))))
     areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, MAX_RELATIVE, NUM_POINTS)
     for name, measure, sign, thresholds, axis, those in (
         ("area", area, 1.0, areas, f"{area.label} above", f"with {area.label} above a threshold"),
@@ -58,7 +59,7 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
         scores = {policy: [sign * values for values in episodes.values(policy, measure)] for policy in curves}
         bands = {policy: performance_profile(values, sign * thresholds) for policy, values in scores.items()}
         picture = render(draw_bands, thresholds, bands, axis, "share of episodes")
-        figures.append(Figure(f"profile_{name}", picture, f"Performance profile: share of episodes {those}."))
+        figures.append(Figure(f"profile_{name}", picture, f"Performance profile: share of episodes {those}{few}."))
     return Section("Curves and performance profiles", (text, *figures))
 
 
@@ -73,7 +74,9 @@ def curve_figures(
     figures = []
     for quantity, (field, words, si) in over.items():
         picture = render(draw_bands, *sample_curves(curves, field, end), quantity + (unit or si), label, True)
-        figures.append(Figure(name.format(quantity), picture, f"{label.capitalize()} over {words}."))
+        number = min(sum(map(len, strata)) for strata in curves.values())
+        caption = f"{label.capitalize()} over {words}, with 95 % intervals{few_starts(number)}."
+        figures.append(Figure(name.format(quantity), picture, caption))
     return figures
 
 

@@ -1,5 +1,6 @@
 import copy
 import pickle
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ from gymnasium import spaces
 
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines import EXPLORERS, RandomExplorer
+from lidarnaut.baselines.adoption import adopt
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.policy import Explorer, OnePerRobot
 from lidarnaut.envs.simulation import Twist
@@ -121,8 +123,9 @@ def test_levels_are_declared():
 def test_what_cannot_explore_is_refused():
     with pytest.raises(ValueError, match="7 is not an explorer, rule or callable of an observation, and lacks predict"):
         make_policy(7)
-    with pytest.raises(ValueError, match="must be a subclass of lidarnaut"):
-        make_policy(SimpleNamespace(act=lambda reading, belief: None))
+    for name in ("pursuit", Path("runs")):
+        with pytest.raises(ValueError, match=r"is a name, not a policy: lidarnaut.make_policy\(NAME, env\)"):
+            adopt(name)
 
 
 class Duck:
