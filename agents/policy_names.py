@@ -61,12 +61,13 @@ class Policy:
     """Environment arguments required by the policy, by name."""
 
     def make(self, space: spaces.Space | None = None) -> Driver:
+        source = load_object(self.source) if isinstance(self.source, str) else self.source
         if self.checkpoint:
             from lidarnaut.agents.learned import load_policy
 
-            how = partial(load_policy, pursuit=self.is_pursuit, deterministic=self.deterministic, trust=self.trust)
-            return how(Path(self.checkpoint))
-        return adopt(load_object(self.source) if isinstance(self.source, str) else self.source, space)
+            how = {"pursuit": self.is_pursuit, "deterministic": self.deterministic, "trust": self.trust}
+            source = load_policy(Path(self.checkpoint), **how)
+        return adopt(source, space)
 
 
 def parse_policy(
