@@ -8,9 +8,10 @@ import gymnasium
 from gymnasium import spaces
 
 from lidarnaut.agents.policy_names import parse_policy
-from lidarnaut.baselines import ALL, policies_for
+from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.adoption import adopt
 from lidarnaut.baselines.policy import Policy
+from lidarnaut.envs.core import lidar_env_of
 
 
 def make_policy(
@@ -26,8 +27,9 @@ def make_policy(
 
     Args:
         policy: name, `Path` of a folder, or one of the objects of `lidarnaut.baselines.adoption.adopt`.
-        env: environment, which chooses among policies of the same name: `pursuit` explores, or drives to a goal. Or its
-            action space. Without an environment, explorers come first, and actions are not clipped.
+        env: environment, which chooses among policies of the same name: `pursuit` explores, or drives to a goal. It is
+            reset if it has no episode. Or its action space. Without an environment, explorers come first, and actions
+            are not clipped.
         trust: modules, or names `module:attribute`, of your own code that a learned policy may import.
 
     Returns:
@@ -43,8 +45,11 @@ def make_policy(
     if not isinstance(policy, str | Path):
         return adopt(policy, space)
     name = f"ppo:{policy}" if isinstance(policy, Path) else policy
-    offered = policies_for(env) if isinstance(env, gymnasium.Env) else ALL
-    return parse_policy(name, offered, trust=trust).make(space)
+    if not isinstance(env, gymnasium.Env):
+        return parse_policy(name, trust=trust).make(space)
+    if not lidar_env_of(env).has_begun:
+        env.reset()  # sets the attributes of the task
+    return parse_policy(name, policies_for(env), trust=trust).make(space)
 
 
 make_explorer = make_policy

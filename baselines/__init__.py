@@ -96,11 +96,9 @@ ALL: Makers = {
 def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
     """Return constructors of the classical policies that suit an environment's task, by name.
 
-    For example, `pursuit` requires a task with a `goal`. An environment without an episode is reset.
+    The environment must be reset. For example, `pursuit` requires a task with a `goal`.
     """
     inner: Any = getattr(env.unwrapped, "explore", env.unwrapped)
-    if not inner.has_begun:
-        inner.reset()
     if isinstance(env.action_space, spaces.Discrete):
         rules = {name: make for name, make in EXPLORERS.items() if isinstance(make(), RuleExplorer)}
         return {"random": RandomChooser, **rules}
