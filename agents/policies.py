@@ -19,22 +19,17 @@ def make_policy(
 ) -> Policy:
     """Return a policy with a given name, or made from an object.
 
-    Names are those of the command line: classic policies (`pursuit`), also with parameters (`rrt?eta_local=0.5`,
-    `frontier:published?sim_time=1.7`); learned policies by the folder of a run or checkpoint, such as
-    `pretrained/crowd`, also as `ppo:FOLDER?deterministic=false`, which samples actions, or `pursuit:FOLDER`, which
-    drives a frontier score by `pursuit`; and your own code as `module:attribute`. A run stands for its best checkpoint
-    in the validation episodes; `RUN@last` and `RUN@STEP` name others.
+    Names are those of the command line, see `lidarnaut.agents.policy_names.parse_policy`: for example `pursuit`,
+    `rrt?eta_local=0.5`, `pretrained/crowd`, `ppo:runs/RUN?deterministic=false` or `module:attribute`.
 
     Args:
-        policy: name, `Path` of a folder, or one of the objects of `lidarnaut.baselines.adoption.adopt`.
+        policy: name, `Path` of a folder, or an object as for `lidarnaut.baselines.adoption.adopt`.
         env: environment, which chooses among policies of the same name: `pursuit` explores, or drives to a goal. It is
-            reset if it has no episode. Or its action space. Without an environment, explorers come first, and actions
-            are not clipped.
+            reset if it has no episode. An action space only clips actions. By default, explorers come first.
         trust: modules, or names `module:attribute`, of your own code that a learned policy may import.
 
     Returns:
-        `Explorer` or `ObservationPolicy`. `observations` of a learned policy names the observations that the
-        environment must have.
+        `Explorer` or `ObservationPolicy`. The environment must have the `observations` of a learned policy.
 
     Raises:
         ValueError: if the policy is unknown, unsuitable for the environment, or names code that is not trusted.
@@ -52,4 +47,4 @@ def make_policy(
     return parse_policy(name, policies_for(env), trust=trust).make(space)
 
 
-make_explorer = make_policy
+make_explorer = make_policy  # name of earlier versions

@@ -65,7 +65,7 @@ class Policy:
         if self.checkpoint:
             from lidarnaut.agents.learned import load_policy
 
-            how = {"pursuit": self.is_pursuit, "deterministic": self.deterministic, "trust": self.trust}
+            how: dict[str, Any] = {"pursuit": self.is_pursuit, "deterministic": self.deterministic, "trust": self.trust}
             source = load_policy(Path(self.checkpoint), **how)
         return adopt(source, space)
 

@@ -22,13 +22,11 @@ Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 def one_thread() -> Iterator[None]:
     """Limit torch to one thread, which suits single observations; the process keeps its number of threads."""
     count = torch.get_num_threads()
-    if count > 1:
-        torch.set_num_threads(1)
+    torch.set_num_threads(1)
     try:
         yield
     finally:
-        if count > 1:
-            torch.set_num_threads(count)
+        torch.set_num_threads(count)
 
 
 def split_batches(policy: Any, num_threads: int) -> None:

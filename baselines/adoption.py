@@ -34,9 +34,8 @@ def adopt(value: Any, space: spaces.Space | None = None) -> Policy:
     - A class, or a function without required arguments: returns one of the above. A function whose first argument is
       called `observation` or `obs` is a policy.
 
-    Objects without a base class of the package keep their class and attributes. The returned policy refers to the
-    object, and has the defaults of `Explorer` or `ObservationPolicy` for attributes that the object lacks. Actions
-    outside of a `Box` action space `space` are clipped.
+    Objects of other classes keep their class and attributes: the policy refers to the object, and has the defaults of
+    `Explorer` or `ObservationPolicy` for what it lacks. Actions outside of a `Box` action space `space` are clipped.
 
     Raises:
         ValueError: if `value` is none of the above, or its `level` is unknown.
@@ -111,16 +110,15 @@ class CalledPolicy(ObservationPolicy):
     """Names that the object cannot replace."""
     _value: Any
     _space: spaces.Space | None = None
-    _options: Iterable[str] = ()
-    """Arguments that `predict` accepts."""
+    _options: Iterable[str] = ()  # arguments that `predict` accepts
     _state: Any = None
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         super().reset(robot, control_period, rng)
         vars(self)["_state"] = None
-        policy = self._value
-        if hasattr(policy, "reset") and (not hasattr(policy, "predict") or _takes(policy.reset, 3)):
-            policy.reset(robot, control_period, rng)
+        reset = getattr(self._value, "reset", None)
+        if reset and (not hasattr(self._value, "predict") or _takes(reset, 3)):
+            reset(robot, control_period, rng)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> Any:
         action = self._predict(observation) if hasattr(self._value, "predict") else self._value(observation)

@@ -43,14 +43,14 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
     unit, end = (f"{reference}'s to {measures.mark}", MAX_RELATIVE) if measures.marks else ("the limit", 1.0)
     text = "Times and distances are relative to "
     text += f"those of {reference} to 95 % from the same start" if measures.marks else "the limits of each start"
-    text += ". Bands are 95 % intervals; the dotted curve is the ground-truth bound."
+    few = few_starts(len(set(map(start_of, episodes))))
+    text += f". Bands are 95 % intervals{few}; the dotted curve is the ground-truth bound."
     figures = curve_figures("curves_{}", curves, label, ", as a share of " + unit, end)
     if not measures.marks:
         return Section("Curves", (text, *figures))
 
     area, share = measures.headline, replace(measures.relative[0], limit="")
     within = f"{measures.mark} within this share of {reference}'s time"
-    few = few_starts(len(set(map(start_of, episodes))))
     areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, MAX_RELATIVE, NUM_POINTS)
     for name, measure, sign, thresholds, axis, those in (
         ("area", area, 1.0, areas, f"{area.label} above", f"with {area.label} above a threshold"),
@@ -59,7 +59,7 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
         scores = {policy: [sign * values for values in episodes.values(policy, measure)] for policy in curves}
         bands = {policy: performance_profile(values, sign * thresholds) for policy, values in scores.items()}
         picture = render(draw_bands, thresholds, bands, axis, "share of episodes")
-        figures.append(Figure(f"profile_{name}", picture, f"Performance profile: share of episodes {those}{few}."))
+        figures.append(Figure(f"profile_{name}", picture, f"Performance profile: share of episodes {those}."))
     return Section("Curves and performance profiles", (text, *figures))
 
 
@@ -74,8 +74,8 @@ def curve_figures(
     figures = []
     for quantity, (field, words, si) in over.items():
         picture = render(draw_bands, *sample_curves(curves, field, end), quantity + (unit or si), label, True)
-        number = min(sum(map(len, strata)) for strata in curves.values())
-        caption = f"{label.capitalize()} over {words}, with 95 % intervals{few_starts(number)}."
+        few = few_starts(min((sum(map(len, strata)) for strata in curves.values()), default=0))
+        caption = f"{label.capitalize()} over {words}, with 95 % intervals{few}."
         figures.append(Figure(name.format(quantity), picture, caption))
     return figures
 

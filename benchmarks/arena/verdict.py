@@ -52,8 +52,7 @@ def verdict_section(episodes: Episodes) -> Section | None:
 def verdict(episodes: Episodes) -> str:
     """Summarize an evaluation in a sentence: best policy, tied policies, and result of the ground-truth policy.
 
-    Policies are tied if the 95 % interval of their paired difference contains 0. Fewer than `MIN_STARTS` starts of a
-    policy give no verdict.
+    Policies are tied if the 95 % interval of their paired difference contains 0. It takes `MIN_STARTS` starts of each.
     """
     measures, measure, mark = episodes.measures, episodes.measures.decisive, episodes.measures.mark
     values = episodes.competitors(measure)
