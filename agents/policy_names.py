@@ -2,6 +2,7 @@
 
 import glob
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -90,7 +91,7 @@ def parse_policy(
     label, what = match.groups() if (match := re.fullmatch(r"([\w.-]+)=(.+)", name)) else (name, name)
     kind, _, rest = what.partition(":")
     base, _, changes = what.partition("?")
-    is_folder = base not in classic and (re.search(r"[/\\]", base) is not None or Path(base).is_dir())
+    is_folder = base not in classic and (re.search(r"[/\\]", base) is not None or os.path.isdir(base))
     if label != name and (label in ALL or not (rest or changes or is_folder)):
         raise ValueError(
             f"policy {name!r}: labels (LABEL=ppo:PATH) are for ppo:PATH, module:attribute and classic policies with "
