@@ -38,7 +38,7 @@ test-all: test test-libraries
 test-libraries:
 	test -x $(LIBRARIES)/python || $(PYTHON) -m venv .venv-libraries
 	$(LIBRARIES)/python -m pip install --quiet --editable . --requirement examples/requirements.txt
-	$(LIBRARIES)/python -m pytest tests/examples tests/package/test_ray.py -k "rllib or torchrl or test_ray"
+	$(LIBRARIES)/python -m pytest tests/examples tests/package/test_ray.py -k "rllib or torchrl or tianshou or test_ray"
 
 # A cluster of two cores on this machine. Ray, 260 MB, is installed for it, and `make test` skips the test without Ray.
 test-ray: install

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from gymnasium.vector import VectorEnv
@@ -16,7 +15,6 @@ from lidarnaut.agents.vec_env import Observations, columns_of, make_env, make_ve
 from lidarnaut.baselines.episode import decide_with, prepare, run_episode
 from lidarnaut.baselines.policy import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
-from lidarnaut.envs.files import resolve
 from lidarnaut.envs.measures import EpisodeHistory, headline_of, measures_of
 from lidarnaut.envs.worlds.library import Split
 
@@ -42,7 +40,6 @@ class Evaluator:
         self._episodes = {VALIDATION: config.evaluation.episodes, TEST: config.evaluation.num_tests}
         self._environment = evaluation_environment(config)
         self._env = make_env(self._environment, TEST)
-        self._makers: Mapping[str, Callable[[], Any]] | None = None
         inner = lidar_env_of(self._env)
         self.headline = headline_of(inner.task.measures)
         others = (one for one in measures_of(inner.task.measures) if one is not self.headline)
@@ -72,13 +69,8 @@ class Evaluator:
         return self.measure(run_episode(self._env, self.make_reference(name), seed).history)
 
     def make_reference(self, name: str) -> Policy:
-        """Return a non-learned policy by name or `module:attribute`; raise ValueError if unknown."""
-        from lidarnaut.baselines import policies_for
-
-        if self._makers is None:
-            self._env.reset(seed=0)  # required by `policies_for`
-            self._makers = policies_for(self._env)
-        policy = make_policy(resolve(name, self._makers, "policy"), self._env.action_space)
+        """Return a policy by name; raise ValueError if unknown, see `lidarnaut.make_policy`."""
+        policy = make_policy(name, self._env)
         decide_with(policy, self._env)
         return policy
 

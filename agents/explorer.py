@@ -12,6 +12,7 @@ from stable_baselines3.common.policies import BasePolicy
 from lidarnaut.agents.algorithms import Actor, build_policy
 from lidarnaut.agents.checkpoint import Record, load_checkpoint
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
+from lidarnaut.agents.threads import one_thread
 from lidarnaut.baselines.policy import ObservationPolicy
 from lidarnaut.envs.robots import RobotParams, load_robot
 
@@ -37,7 +38,7 @@ class LearnedPolicy(ObservationPolicy):
 
     @classmethod
     def load(cls, path: str | Path, *, deterministic: bool = True, trust: Iterable[str] = ()) -> Self:
-        """Load a policy, and limit torch to one thread, which suits small networks.
+        """Load a policy.
 
         Args:
             path: run folder (best checkpoint; `RUN@last` and `RUN@STEP` name others) or checkpoint folder.
@@ -48,10 +49,10 @@ class LearnedPolicy(ObservationPolicy):
             CheckpointError: if the checkpoint is missing or damaged.
             ValueError: if the policy names code that is not trusted.
         """
-        torch.set_num_threads(1)
         folder = find_checkpoint(path, "best")
-        checkpoint = load_checkpoint(folder, policy_only=True, trust=trust)
-        return cls(build_policy(checkpoint, folder), checkpoint.record, str(folder), deterministic=deterministic)
+        with one_thread():
+            checkpoint = load_checkpoint(folder, policy_only=True, trust=trust)
+            return cls(build_policy(checkpoint, folder), checkpoint.record, str(folder), deterministic=deterministic)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         """Start an episode. If the robot's lidar has more or fewer beams than in training, scans are resampled.
@@ -81,7 +82,7 @@ class LearnedPolicy(ObservationPolicy):
             )
         batch, starts = {key: value[None] for key, value in observation.items()}, np.array([self._is_first])
         self._is_first = False
-        with torch.random.fork_rng(devices=[], enabled=not self._deterministic):
+        with one_thread(), torch.random.fork_rng(devices=[], enabled=not self._deterministic):
             if not self._deterministic:
                 torch.manual_seed(int(self._rng.integers(2**63)))
             return self._actor(batch, starts)[0]

@@ -14,6 +14,7 @@ from lidarnaut.agents.frontiers.score import (
     ScoreExplorer,
 )
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
+from lidarnaut.baselines import ALL
 from lidarnaut.baselines.policy import Explorer, ObservationPolicy
 from lidarnaut.envs.files import read_bytes
 
@@ -32,6 +33,9 @@ def find_policy(path: str | Path) -> Path:
         if path.name not in names:
             raise CheckpointError(f"unknown policy {path}; available are pretrained/{', pretrained/'.join(names)}")
         path = PRETRAINED / path.name
+    name = str(path)
+    if name.partition("?")[0] in ALL and not path.exists():
+        raise CheckpointError(f"{name} is a classic policy, without a folder: lidarnaut.make_policy({name!r}) makes it")
     for folder in (path, path / POLICY):
         if (folder / RECORD_FILE).exists():
             return folder
@@ -41,19 +45,9 @@ def find_policy(path: str | Path) -> Path:
 def load_policy(
     policy: str | Path, *, pursuit: bool = False, deterministic: bool = True, trust: Iterable[str] = ()
 ) -> Explorer | ObservationPolicy:
-    """Load a learned policy from a folder or from the package.
+    """Load a learned policy, as `lidarnaut.make_policy` does for `policy`, a folder as for `find_policy`.
 
-    Args:
-        policy: folder of a run, a checkpoint or a policy, or a packaged policy such as `"pretrained/crowd"`. A run
-            stands for its best checkpoint in the validation episodes; `RUN@last` and `RUN@STEP` name others.
-        pursuit: drive by steering to a point ahead on the path; for frontier scores only
-            (`lidarnaut.baselines.frontier.pursuit_explorer`).
-        deterministic: return the most likely action; False samples actions as in training.
-        trust: modules, or names `module:attribute`, of your own code that the policy may import.
-
-    Returns:
-        An explorer for a frontier score; otherwise a `LearnedPolicy`, whose `observations` name the observations that
-        the environment must have.
+    `pursuit`: drive a frontier score by `pursuit`; `deterministic`: return the most likely action, instead of sampling.
 
     Raises:
         CheckpointError: if there is no such policy, it is damaged, or it does not support the options.

@@ -1,121 +1,50 @@
-"""Adapters to the policy interface for user-defined policies."""
+"""Construction of policies from names or objects."""
 
-import inspect
-from collections.abc import Callable, Mapping
-from typing import Any, get_args
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
 
-import numpy as np
+import gymnasium
 from gymnasium import spaces
 
-from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
-from lidarnaut.baselines.policy import Explorer, Level, ObservationPolicy, OnePerRobot, Policy, adopt
-from lidarnaut.envs.files import SHORT
-from lidarnaut.envs.robots import RobotParams
-
-DECLARED = ("level", "observations", "collision_monitor", "control_hz", "uses_ground_truth")
-"""Attributes that a policy has from a model, or from the function that returns the policy."""
+from lidarnaut.agents.policy_names import parse_policy
+from lidarnaut.baselines import policies_for
+from lidarnaut.baselines.adoption import adopt
+from lidarnaut.baselines.policy import Policy
+from lidarnaut.envs.core import lidar_env_of
 
 
-def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
-    """Return a policy made from an explorer, model, callable or factory.
+def make_policy(
+    policy: Any, env: gymnasium.Env[Any, Any] | spaces.Space | None = None, *, trust: Iterable[str] = ()
+) -> Policy:
+    """Return a policy with a given name, or made from an object.
 
-    - A frontier rule: `rule(candidates, belief)` returns the scores of frontier candidates.
-    - An `Explorer`, or an object with `act(reading, belief)`, which gets the defaults of `Explorer`. In a team, each
-      robot gets a copy, unless `is_team` is true.
-    - A model: `predict(observation)` returns the action, alone or first in a tuple. Accepted arguments among
-      `deterministic=True`, `action_masks` and `state` are passed. An optional `reset(robot, control_period, rng)` is
-      called before each episode.
-    - Any other callable of one argument: returns the action for an observation.
-    - A class, or a function without required arguments: returns one of the above.
+    Names are those of the command line, see `lidarnaut.agents.policy_names.parse_policy`: for example `pursuit`,
+    `rrt?eta_local=0.5`, `pretrained/crowd`, `ppo:runs/RUN?deterministic=false` or `module:attribute`.
 
-    Actions outside of a `Box` action space `space` are clipped.
+    Args:
+        policy: name, `Path` of a folder, or an object as for `lidarnaut.baselines.adoption.adopt`.
+        env: environment, which chooses among policies of the same name: `pursuit` explores, or drives to a goal. It is
+            reset if it has no episode. An action space only clips actions. By default, explorers come first.
+        trust: modules, or names `module:attribute`, of your own code that a learned policy may import.
 
-    Raises:
-        ValueError: if `value` is none of the above, or its `level` is unknown.
-    """
-    source = value
-    is_function = callable(value) and not hasattr(value, "act") and not hasattr(value, "predict")
-    if isinstance(value, type) or (is_function and _takes(value, 0)):
-        value = value()
-    policy = _adapted(value, space)
-    for one in (source, value):
-        if one is not policy and not isinstance(one, type):
-            vars(policy).update({name: getattr(one, name) for name in DECLARED if hasattr(one, name)})
-    if policy.level not in (None, *get_args(Level)):
-        raise ValueError(f"level of {value!r} must be one of {', '.join(get_args(Level))}, got {policy.level!r}")
-    is_team = space is not None and len(space.shape or ()) > 1
-    return OnePerRobot(policy) if is_team and isinstance(policy, Explorer) and not policy.is_team else policy
-
-
-def _adapted(value: Any, space: spaces.Space | None) -> Policy:
-    if isinstance(value, Policy):
-        return value
-    if hasattr(value, "act"):
-        return adopt(value)
-    if callable(value) and not hasattr(value, "predict") and _takes(value, 2) and not _takes(value, 1):
-        return RuleExplorer(value)
-    if callable(value) or hasattr(value, "predict"):
-        return CalledPolicy(value, space)
-    raise ValueError(
-        f"{SHORT.repr(value)} is not an explorer, rule or callable of an observation, and lacks predict(observation)"
-    )
-
-
-def needed_arguments(policy: Policy) -> dict[str, Any]:
-    """Return the environment arguments that a policy requires: names of observations, and collision monitor.
+    Returns:
+        `Explorer` or `ObservationPolicy`. The environment must have the `observations` of a learned policy.
 
     Raises:
-        ValueError: if the policy's attribute `observations` is invalid.
+        ValueError: if the policy is unknown, unsuitable for the environment, or names code that is not trusted.
+        lidarnaut.agents.run_folder.CheckpointError: if there is no such folder, it is damaged, or it does not support
+            the parameters.
     """
-    parts = policy.observations
-    if parts is not None and (isinstance(parts, str) or not all(isinstance(part, str) for part in parts)):
-        raise ValueError(f"observations of {policy!r} must be names of parts, got {parts!r}")
-    needed = {} if parts is None else {"observations": parts if isinstance(parts, Mapping) else tuple(parts)}
-    return needed | ({"collision_monitor": True} if policy.collision_monitor else {})
+    space = env.action_space if isinstance(env, gymnasium.Env) else env
+    if not isinstance(policy, str | Path):
+        return adopt(policy, space)
+    name = f"ppo:{policy}" if isinstance(policy, Path) else policy
+    if not isinstance(env, gymnasium.Env):
+        return parse_policy(name, trust=trust).make(space)
+    if not lidar_env_of(env).has_begun:
+        env.reset()  # sets the attributes of the task
+    return parse_policy(name, policies_for(env), trust=trust).make(space)
 
 
-class CalledPolicy(ObservationPolicy):
-    """Adapter that makes a policy from a callable, or from a model with `predict`."""
-
-    def __init__(self, policy: Any, space: spaces.Space | None = None) -> None:
-        self._policy, self._space = policy, space
-        self._predicts = hasattr(policy, "predict")
-        self._takes = inspect.signature(policy.predict).parameters if self._predicts else {}
-        self._state: Any = None
-
-    @property
-    def end_reason(self) -> str | None:  # type: ignore[override]
-        return getattr(self._policy, "end_reason", None)
-
-    @property
-    def plan(self) -> np.ndarray | None:  # type: ignore[override]
-        return getattr(self._policy, "plan", None)
-
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        self._state = None
-        if hasattr(self._policy, "reset") and (not self._predicts or _takes(self._policy.reset, 3)):
-            self._policy.reset(robot, control_period, rng)
-
-    def __call__(self, observation: dict[str, np.ndarray]) -> Any:
-        action = self._predict(observation) if self._predicts else self._policy(observation)
-        if isinstance(self._space, spaces.Box):
-            action = np.asarray(action, dtype=self._space.dtype)
-            return np.clip(action, self._space.low, self._space.high)
-        return np.int64(action) if isinstance(self._space, spaces.Discrete) else action
-
-    def _predict(self, observation: dict[str, np.ndarray]) -> Any:
-        offered = {"deterministic": True, "action_masks": observation.get("action_mask"), "state": self._state}
-        offered["episode_start"] = np.array([self._state is None])
-        arguments = {name: value for name, value in offered.items() if name in self._takes and value is not None}
-        result = self._policy.predict(observation, **arguments)
-        if not isinstance(result, tuple):
-            return result
-        self._state = result[1] if len(result) > 1 else None
-        return result[0]
-
-
-def _takes(function: Callable[..., Any], count: int) -> bool:
-    try:
-        return inspect.signature(function).bind(*range(count)) is not None
-    except (TypeError, ValueError):
-        return False
+make_explorer = make_policy  # name of earlier versions

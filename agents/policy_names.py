@@ -2,6 +2,7 @@
 
 import glob
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -13,8 +14,8 @@ from typing import Any
 from gymnasium import spaces
 from pydantic import ValidationError
 
-from lidarnaut.agents.policies import make_policy, needed_arguments
-from lidarnaut.baselines import CLASSIC, EXPLORERS
+from lidarnaut.baselines import ALL
+from lidarnaut.baselines.adoption import adopt, needed_arguments
 from lidarnaut.baselines.policy import GROUND_TRUTH, Level, ObservationPolicy, marked
 from lidarnaut.baselines.policy import Policy as Driver
 from lidarnaut.envs.files import explain_errors, explain_unknown, load_object, resolve, split_parameters
@@ -61,21 +62,22 @@ class Policy:
     """Environment arguments required by the policy, by name."""
 
     def make(self, space: spaces.Space | None = None) -> Driver:
+        source = load_object(self.source) if isinstance(self.source, str) else self.source
         if self.checkpoint:
             from lidarnaut.agents.learned import load_policy
 
-            how = partial(load_policy, pursuit=self.is_pursuit, deterministic=self.deterministic, trust=self.trust)
-            return how(Path(self.checkpoint))
-        return make_policy(load_object(self.source) if isinstance(self.source, str) else self.source, space)
+            how: dict[str, Any] = {"pursuit": self.is_pursuit, "deterministic": self.deterministic, "trust": self.trust}
+            source = load_policy(Path(self.checkpoint), **how)
+        return adopt(source, space)
 
 
 def parse_policy(
-    name: str, classic: Makers = EXPLORERS, custom: Mapping[str, Any] | None = None, trust: Iterable[str] = ()
+    name: str, classic: Makers = ALL, custom: Mapping[str, Any] | None = None, trust: Iterable[str] = ()
 ) -> Policy:
     """Return the policy with a given name, after constructing it once as a check.
 
-    A name is a classic policy, also with parameters (`nearest?max_time=8`), `ppo:PATH` or `learned:PATH` (trained
-    policy), `pursuit:PATH` (trained frontier score, driven by `pursuit`), or `module:attribute` (user code). `LABEL=`
+    A name is a classic policy, also with parameters (`nearest?max_time=8`), `ppo:PATH`, `learned:PATH` or PATH alone
+    (trained policy), `pursuit:PATH` (trained frontier score, driven by `pursuit`), or `module:attribute`. `LABEL=`
     may precede all but plain classic names. PATH is a run folder (its best checkpoint; `RUN@last` or `RUN@STEP` for
     another one), a checkpoint folder, or `pretrained/NAME`; a pattern with `*` selects the last match.
     `?deterministic=false` samples actions.
@@ -89,7 +91,8 @@ def parse_policy(
     label, what = match.groups() if (match := re.fullmatch(r"([\w.-]+)=(.+)", name)) else (name, name)
     kind, _, rest = what.partition(":")
     base, _, changes = what.partition("?")
-    if label != name and (label in CLASSIC or not (rest or changes)):
+    is_folder = base not in classic and (re.search(r"[/\\]", base) is not None or os.path.isdir(base))
+    if label != name and (label in ALL or not (rest or changes or is_folder)):
         raise ValueError(
             f"policy {name!r}: labels (LABEL=ppo:PATH) are for ppo:PATH, module:attribute and classic policies with "
             f"parameters only, and must differ from classic policies ({', '.join(classic)})"
@@ -102,10 +105,10 @@ def parse_policy(
             raise ValueError(f"policy {name!r}: {error}") from error
     if what in classic:
         return _checked(Policy(label, classic[what]), classic[what])
-    if kind in ("ppo", "learned", "pursuit") and rest:
+    if is_folder or (kind in ("ppo", "learned", "pursuit") and rest):
         from lidarnaut.agents.learned import find_policy, fingerprint
 
-        path, chosen = split_parameters(rest)
+        path, chosen = split_parameters(rest if kind in ("ppo", "learned", "pursuit") else what)
         deterministic = chosen.pop("deterministic", True)
         for unknown in chosen:
             raise ValueError(f"policy {what!r}: unknown parameter {explain_unknown(unknown, ['deterministic'])}")
@@ -117,7 +120,7 @@ def parse_policy(
         policy = Policy(label, None, str(folder), kind == "pursuit", deterministic, tuple(trust))
         made = policy.make()  # reports a damaged checkpoint
         return replace(_checked(policy, made), model=fingerprint(folder)[:12])
-    if what in CLASSIC:
+    if (base if changes else what) in ALL:
         raise ValueError(f"policy {what!r} cannot do this task; allowed are {', '.join(classic)}, and your own")
     if not rest:
         resolve(what, {**classic, "ppo:PATH": None, "LABEL=ppo:PATH": None}, "policy")  # raises
@@ -158,6 +161,6 @@ def make_changed(make: Callable[..., Any], changes: Mapping[str, Any]) -> Any:
 
 
 def _checked(policy: Policy, source: Any) -> Policy:
-    made = make_policy(source)
+    made = adopt(source)
     name, observes = marked(policy.name, made), isinstance(made, ObservationPolicy)
     return replace(policy, name=name, level=made.level, observes=observes, arguments=needed_arguments(made))

@@ -14,7 +14,7 @@ from lidarnaut.agents.curves import TEST, Row
 from lidarnaut.agents.evaluation import Evaluator, evaluation_environment
 from lidarnaut.agents.pools import collect_files, make_pool
 from lidarnaut.agents.trust import REGISTERED, named_code
-from lidarnaut.baselines import CLASSIC
+from lidarnaut.baselines import ALL
 from lidarnaut.envs.files import read_bytes, read_json, write_file
 from lidarnaut.envs.ids import find_spec
 from lidarnaut.envs.processes import interrupts_held
@@ -110,7 +110,7 @@ def _cache_file(config: TrainingConfig, name: str) -> Path | None:
     """Return the cache file of a reference policy; None if code or objects of the user have an effect."""
     environment = evaluation_environment(config).model_dump(exclude={"num_workers", "vectorization"})
     id = environment["id"].removeprefix("lidarnaut:")
-    if name not in CLASSIC or not id.startswith("lidarnaut/") or named_code(environment).keys() - REGISTERED:
+    if name not in ALL or not id.startswith("lidarnaut/") or named_code(environment).keys() - REGISTERED:
         return None
     named = (one for one in collect_files(environment) if not one[0].endswith(".py"))
     files = sorted((path, hashlib.sha256(content).hexdigest()) for path, content in named)

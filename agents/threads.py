@@ -1,8 +1,9 @@
-"""Evaluation of the network of a policy on several threads."""
+"""Evaluation of the network of a policy on one thread or several."""
 
+import contextlib
 import copy
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -15,6 +16,17 @@ from torch.autograd.function import once_differentiable
 MIN_ROWS, MAX_PART = 600, 512
 """Minimum number of samples of a batch that is split, and maximum number of samples of a part."""
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit torch to one thread, which suits single observations; the process keeps its number of threads."""
+    count = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(count)
 
 
 def split_batches(policy: Any, num_threads: int) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+import torch
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch.utils.tensorboard import SummaryWriter
@@ -55,6 +56,7 @@ def train(
         is_flat = takes_vectors(find_algorithm(config.algorithm))
         env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=is_flat)))
         config = complete(config, env)
+        held.callback(torch.set_num_threads, torch.get_num_threads())  # `build_model` changes it
         model = build_model(config, env)
         references = References(config, evaluator, held, progress=progress)
         if checkpoint is None or source is None:

@@ -13,6 +13,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
+from lidarnaut.agents.infos import TRUNCATED, info_of, lazy_infos
 from lidarnaut.agents.networks import flat_space, flatten
 from lidarnaut.baselines.episode import LastInfo
 from lidarnaut.envs.core import lidar_env_of
@@ -101,7 +102,8 @@ def columns_of(info: dict[str, Any]) -> dict[str, np.ndarray]:
 class GymnasiumVecEnv(VecEnv):
     """Adapter from a Gymnasium vector environment with same-step autoreset to stable-baselines3.
 
-    Sub-environment i gets seed + i. `infos` are filled only for finished episodes, as by `Monitor`.
+    Sub-environment i gets seed + i. `infos` hold what `DummyVecEnv` of monitored environments has; `episode` also holds
+    the numbers of the last step. They are filled when they are read.
     `env_method("action_masks")` returns the masks of the latest observations. Actions are not clipped: algorithms of
     stable-baselines3 clip Gaussian samples.
     """
@@ -123,7 +125,8 @@ class GymnasiumVecEnv(VecEnv):
         if any(options != self._options[0] for options in self._options):
             raise ValueError("options must be the same for all sub-environments")
         seeds: Any = self._seeds
-        self._observations, _ = self.env.reset(seed=seeds, options=self._options[0] or None)
+        self._observations, info = self.env.reset(seed=seeds, options=self._options[0] or None)
+        self.reset_infos = [info_of(info, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
         self._returns[:] = self._lengths[:] = 0
@@ -140,9 +143,10 @@ class GymnasiumVecEnv(VecEnv):
         self._returns += rewards
         self._lengths += 1
         dones = np.asarray(terminated) | np.asarray(truncated)
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        infos = lazy_infos(info, self.num_envs)
         for i in np.flatnonzero(dones).tolist():
-            infos[i] = self._end_of_episode(info, i) | {"TimeLimit.truncated": bool(truncated[i] and not terminated[i])}
+            infos[i] = self._end_of_episode(info, i) | {TRUNCATED: bool(truncated[i] and not terminated[i])}
+            self.reset_infos[i] = info_of(info, i)
         return self._shown(self._observations), rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
@@ -183,11 +187,11 @@ class GymnasiumVecEnv(VecEnv):
         return flatten(observations) if self._is_flat else observations
 
     def _end_of_episode(self, info: dict[str, Any], i: int) -> dict[str, Any]:
-        final = {name: np.asarray(value[i]) for name, value in columns_of(info["final_info"]).items()}
-        episode = {name: float(value.sum()) for name, value in final.items() if value.dtype.kind in "biuf"}
+        final = info_of(info["final_info"], i)
+        numbers = {name: np.asarray(value) for name, value in final.items()}
+        episode = {name: float(value.sum()) for name, value in numbers.items() if value.dtype.kind in "biuf"}
         episode |= {"r": float(self._returns[i]), "l": int(self._lengths[i])}
         self._returns[i] = self._lengths[i] = 0
         last = info["final_obs"][i]
         last = flatten({name: part[None] for name, part in last.items()})[0] if self._is_flat else last
-        ended = {"episode": episode, "terminal_observation": last}
-        return ended | ({"is_success": bool(final["is_success"])} if "is_success" in final else {})
+        return final | {"episode": episode, "terminal_observation": last}

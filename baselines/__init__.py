@@ -8,7 +8,6 @@ from typing import Any
 import gymnasium
 from gymnasium import spaces
 
-from lidarnaut.envs.files import resolve
 from lidarnaut.envs.navigation import DockNavigator, GoalNavigator, GoalParams
 
 from .frontier.pursuit_explorer import PursuitExplorer
@@ -88,7 +87,10 @@ TEAMS: Mapping[str, Makers] = {
     }
 }
 """Constructors of team policies by name, grouped by the attribute that a task must have."""
-CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values()) for name in makers)
+ALL: Makers = {
+    name: make for makers in (*OFFERED.values(), *TEAMS.values(), EXPLORERS) for name, make in makers.items()
+}
+"""Constructors of all policies by name; an explorer, if policies of several tasks have the same name."""
 
 
 def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
@@ -111,18 +113,8 @@ def _one_per_robot(make: Callable[[], Explorer]) -> OnePerRobot:
     return OnePerRobot(make())
 
 
-def make_explorer(name: str) -> Explorer:
-    """Create an explorer with default parameters from a name in `EXPLORERS`, or from `module:attribute`.
-
-    Raises:
-        ValueError: if the name is unknown.
-    """
-    explorer: Explorer = resolve(name, EXPLORERS, "explorer")()
-    return explorer
-
-
 __all__ = [
-    "CLASSIC",
+    "ALL",
     "EXPLORERS",
     "Auction",
     "ExploreLite",
@@ -150,6 +142,5 @@ __all__ = [
     "TourExplorer",
     "TourParams",
     "WallFollower",
-    "make_explorer",
     "policies_for",
 ]

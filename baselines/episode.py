@@ -19,8 +19,9 @@ from lidarnaut.envs.measures import EpisodeHistory, HistoryRecorder, measures_of
 from lidarnaut.envs.navigation import HomeNavigator
 from lidarnaut.envs.rendering.scene import people_in
 
+from .adoption import adopt
 from .frontier.rule_explorer import RuleExplorer
-from .policy import Explorer, ObservationPolicy, Policy, PrivilegedPolicy, adopt, to_action
+from .policy import Explorer, ObservationPolicy, Policy, PrivilegedPolicy, to_action
 
 LOGGER = logging.getLogger(__name__)
 LOG_PERIOD = 10.0
@@ -131,7 +132,8 @@ def begin_episode(
     A route of the task is passed to the policy's `set_route`, and ground truth to a `PrivilegedPolicy`.
     """
     observation, info = env.reset(seed=seed)
-    inner, rate = lidar_env_of(env), adopt(policy).control_hz
+    policy = adopt(policy)
+    inner, rate = lidar_env_of(env), policy.control_hz
     period = inner.control_period * _repeats(policy, env)
     if rate and abs(period * rate - 1.0) > 0.01 and not _chooses(env):
         name = type(policy).__name__
@@ -150,7 +152,8 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
     For policies with a lower `control_hz`, the function repeats actions. With `return_home`, a navigator drives home
     after exploration. Planned paths and markers are stored for rendering.
     """
-    inner, repeats, calls = lidar_env_of(env), _repeats(adopt(policy), env), 0
+    policy = adopt(policy)
+    inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
     decide_once, task = _decide_once(policy, env), inner.task
     if not _chooses(env):
         inner.markers = lambda: policy.markers
@@ -231,21 +234,27 @@ def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
 
 def prepare(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, steps: int = 0) -> None:
     """Reset environment and policy, and run `steps` steps: a warm-up, or a check."""
+    policy = adopt(policy, env.action_space)
     observation, info = begin_episode(env, policy, seed, np.random.default_rng(seed))
     run(env, decide_with(policy, env), observation, info, max_steps=steps)
 
 
-def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step: Watch | None = None) -> Episode:
+def run_episode(env: gymnasium.Env[Any, Any], policy: Any, seed: int, on_step: Watch | None = None) -> Episode:
     """Run an episode and measure the policy's performance.
 
     Logs time, progress and `policy.status` (if any) every 10 s, at level INFO.
 
     Args:
         env: environment, possibly wrapped.
-        policy: policy for one robot or a team. Only a `PrivilegedPolicy` receives ground truth.
+        policy: policy for one robot or a team, or what `lidarnaut.make_policy` accepts except for names. Only a
+            `PrivilegedPolicy` receives ground truth.
         seed: seed of environment and policy.
         on_step: called with `info` after the reset and after every step.
+
+    Raises:
+        ValueError: if the policy is a name, or does not suit the environment.
     """
+    policy = adopt(policy, env.action_space)
     inner, recorder = lidar_env_of(env), HistoryRecorder()
     # Independent of the generators that the environment spawns.
     observation, info = begin_episode(env, policy, seed, np.random.default_rng([seed, 1]))

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines import EXPLORERS
 from lidarnaut.baselines.episode import Episode, Info, begin_episode, decide_with, run, run_episode
 from lidarnaut.envs.command_line import Count, make_console, run_command
 from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.files import resolve
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams, crop_to_known
 from lidarnaut.envs.rendering import Renderer
 from lidarnaut.envs.slam import DEFAULT_SLAM
@@ -66,7 +67,7 @@ def map_world(out: Path, seed: int, explorer: str, **arguments: Any) -> tuple[Li
 
     `arguments`: of the environment, such as `world`. Returns the closed environment, the explorer and the episode.
     """
-    env, policy = LidarEnv(Explore, start="spawn", **arguments), make_explorer(explorer)
+    env, policy = LidarEnv(Explore, start="spawn", **arguments), resolve(explorer, EXPLORERS, "explorer")()
     episode = run_episode(env, policy, seed)
     save_map(crop_to_known(env.belief.grid, margin=5), out / "map.yaml")
     env.close()

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.navigation.policy import Explorer, Level, ObservationPolicy, Policy, adopt
+from lidarnaut.envs.navigation.policy import Explorer, Level, ObservationPolicy, Policy, wrap
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.coverage import Coverage
@@ -48,8 +48,8 @@ class OnePerRobot(Explorer):
     is_team = True
 
     def __init__(self, explorer: Explorer) -> None:
-        self._explorer, self._explorers = adopt(explorer), list[Explorer]()
-        self.uses_ground_truth = explorer.uses_ground_truth
+        self._explorer, self._explorers = wrap(explorer, Explorer), list[Explorer]()
+        self.uses_ground_truth = self._explorer.uses_ground_truth
 
     @property
     def end_reason(self) -> str | None:  # type: ignore[override]
@@ -87,7 +87,7 @@ __all__ = [
     "OnePerRobot",
     "Policy",
     "PrivilegedPolicy",
-    "adopt",
     "marked",
     "to_action",
+    "wrap",
 ]

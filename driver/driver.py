@@ -8,10 +8,11 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
+from gymnasium import spaces
 
-from lidarnaut.agents.policies import needed_arguments
+from lidarnaut.baselines.adoption import adopt, needed_arguments
 from lidarnaut.baselines.episode import Decide, begin_episode, decide_with
-from lidarnaut.baselines.policy import Policy, PrivilegedPolicy, adopt
+from lidarnaut.baselines.policy import PrivilegedPolicy
 from lidarnaut.envs.arguments import check_positive, is_pose
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief
@@ -51,7 +52,7 @@ class Driver:
 
     def __init__(
         self,
-        policy: Policy,
+        policy: Any,
         robot: str | RobotParams,
         *,
         id: str | None = None,
@@ -66,7 +67,7 @@ class Driver:
         """Create a driver.
 
         Args:
-            policy: explorer, goal controller or learned policy.
+            policy: explorer, goal controller or learned policy, as for `lidarnaut.run_episode`.
             robot: library robot, path of a robot YAML, or parameters.
             id: environment with the policy's task, which selects estimator, observations and goal; default: that of
                 the policy's training, otherwise `lidarnaut/Explore-v0`.
@@ -83,7 +84,8 @@ class Driver:
             ValueError: a value is not allowed, the task is not for a single robot, or the policy uses ground truth.
             TypeError: the environment has no such argument.
         """
-        id = id or adopt(policy).id or "lidarnaut/Explore-v0"
+        policy = adopt(policy, spaces.Box(-1.0, 1.0, (2,), np.float32))
+        id = id or policy.id or "lidarnaut/Explore-v0"
         if control_hz is None:
             control_hz = policy.control_hz or 10.0
         check_positive(control_hz=control_hz, timeout=timeout)

@@ -85,7 +85,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
       `lidarnaut.envs.navigation.controllers.collision_monitor`.
     - `render_mode` (`None`): `"human"` or `"rgb_array"`.
     - `fixed_info` (`False`): whether `info` has the same keys in every step, as Minari's
-      `DataCollector(record_infos=True)` requires; entries of the last step are NaN, empty or `False` before.
+      `DataCollector(record_infos=True)` requires; entries of the last step are 0, empty or `False` before.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
@@ -242,7 +242,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._set_time_limit(usual)
         self.plans, self.tracks, self.markers = [None] * num_robots, NO_TRACKS, None
         for name, value in ({**self.final_metrics(), "end_reason": ""} if self._fixed_info else {}).items():
-            self._blank[name] = value * math.nan if isinstance(value, float | np.ndarray) else type(value)()
+            self._blank[name] = np.zeros_like(value) if isinstance(value, np.ndarray) else type(value)()
         self.has_begun = True
         if self.on_period is not None:
             self.on_period(None)

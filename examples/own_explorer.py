@@ -9,8 +9,7 @@ import numpy as np
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut import make_explorer, run_episode
-from lidarnaut.agents.policies import make_policy
+from lidarnaut import make_policy, run_episode
 from lidarnaut.baselines import Explorer
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import FEATURES, Candidates
@@ -54,11 +53,11 @@ def main(seconds: float = 60.0) -> dict[str, float]:
     Args:
         seconds: Simulated time [s].
     """
-    policies = {"largest": largest, "circling": Circling, "ahead": ahead, "nearest": make_explorer("nearest")}
+    policies = {"largest": largest, "circling": Circling, "ahead": ahead, "nearest": make_policy("nearest")}
     fractions = {}
     for name, policy in policies.items():
         env = gymnasium.make("lidarnaut/ExploreTurtleBot3World-v0", physics="kinematic", time_limit=seconds)
-        fractions[name] = run_episode(env, make_policy(policy, env.action_space), seed=0).explored_fraction
+        fractions[name] = run_episode(env, policy, seed=0).explored_fraction
         env.close()
         print(f"{name}: explored {100 * fractions[name]:.0f} %")
     return fractions

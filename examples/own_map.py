@@ -8,7 +8,7 @@ import numpy as np
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut import make_explorer, run_episode
+from lidarnaut import make_policy, run_episode
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from lidarnaut.envs.worlds import World, world_from_map
 
@@ -36,7 +36,7 @@ def main(seconds: float = 120.0) -> float:
         seconds: Simulated time [s].
     """
     env = gymnasium.make("lidarnaut/Explore-v0", world=draw_world, physics="kinematic", time_limit=seconds)
-    episode = run_episode(env, make_explorer("nearest"), seed=0)
+    episode = run_episode(env, make_policy("nearest"), seed=0)
     env.close()
     print(f"explored {100 * episode.explored_fraction:.0f} % of my_hall in {episode.duration:.0f} s")
     return episode.explored_fraction

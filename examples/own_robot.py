@@ -4,7 +4,7 @@ import gymnasium
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut import make_explorer, run_episode
+from lidarnaut import make_policy, run_episode
 from lidarnaut.envs.robots import (
     BodyParams,
     Caster,
@@ -44,7 +44,7 @@ def main(seconds: float = 120.0) -> float:
     env = gymnasium.make(
         "lidarnaut/Explore-v0", world="turtlebot3_world", robot=ROBOT, physics="kinematic", time_limit=seconds
     )
-    episode = run_episode(env, make_explorer("nearest"), seed=0)
+    episode = run_episode(env, make_policy("nearest"), seed=0)
     env.close()
     print(f"{ROBOT.name} explored {100 * episode.explored_fraction:.0f} % in {episode.duration:.0f} s")
     return episode.explored_fraction

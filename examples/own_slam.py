@@ -9,7 +9,7 @@ import numpy as np
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut import make_explorer, run_episode
+from lidarnaut import make_policy, run_episode
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.simulation import Reading
@@ -35,7 +35,7 @@ def main(seconds: float = 60.0) -> dict[str, float]:
         env = gymnasium.make(
             "lidarnaut/Explore-v0", world="turtlebot3_world", slam=slam, physics="kinematic", time_limit=seconds
         )
-        errors[name] = run_episode(env, make_explorer("nearest"), seed=0).heading_rmse
+        errors[name] = run_episode(env, make_policy("nearest"), seed=0).heading_rmse
         env.close()
         print(f"{name}: heading off by {np.degrees(errors[name]):.1f} degrees (RMSE)")
     return errors

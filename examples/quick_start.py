@@ -9,7 +9,7 @@ import numpy as np
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut import load_policy
+from lidarnaut import make_policy
 from lidarnaut.baselines.episode import Info, run_episode
 from lidarnaut.benchmarks.films import save_film
 
@@ -37,7 +37,7 @@ def main(seconds: float = 60.0, film: Path | None = None, seed: int = 0) -> floa
         if film is not None and info["time"] >= len(frames):
             frames.append(env.render())
 
-    explorer = load_policy("pretrained/frontiers")
+    explorer = make_policy("pretrained/frontiers")
     episode = run_episode(env, explorer, seed, save_frame)
     env.close()
     if film is not None:

@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut import make_explorer, run_episode
+from lidarnaut import make_policy, run_episode
 from lidarnaut.envs.logs import load_log
 from lidarnaut.envs.logs.replay import Options
 from lidarnaut.envs.logs.replay import main as replay
@@ -46,7 +46,7 @@ def main(bag: Path | None = None, out: Path = Path("runs/replay_bag"), seconds: 
     if bag is None:
         env = gymnasium.make("lidarnaut/ExploreTurtleBot3World-v0", physics="kinematic", time_limit=seconds)
         with RecordBag(env, out) as recorded:
-            run_episode(recorded, make_explorer("nearest"), seed=0)
+            run_episode(recorded, make_policy("nearest"), seed=0)
         bag = out / "episode_0.mcap"
     archive = convert(bag, out / "log.npz")
     conflicts = {}

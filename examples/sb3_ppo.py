@@ -16,7 +16,6 @@ from gymnasium.vector import AutoresetMode
 
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut import run_episode
-from lidarnaut.agents.policies import make_policy
 from lidarnaut.agents.vec_env import GymnasiumVecEnv  # before torch: reduces CPU use of its idle threads
 
 
@@ -62,8 +61,7 @@ def main(
     env.close()
 
     test = gymnasium.make(test_id, split="test", physics="kinematic", **arguments)
-    policy = make_policy(model, test.action_space)
-    explored = [run_episode(test, policy, seed=k).explored_fraction for k in range(num_tests)]
+    explored = [run_episode(test, model, seed=k).explored_fraction for k in range(num_tests)]
     test.close()
     print(f"explored {100 * np.mean(explored):.0f} % of {num_tests} test worlds in {seconds:.0f} s each")
     return float(np.mean(explored))

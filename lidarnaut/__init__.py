@@ -11,9 +11,9 @@ from lidarnaut.envs import register
 
 if TYPE_CHECKING:
     from lidarnaut.agents.export import export_policy
-    from lidarnaut.agents.learned import load_policy
+    from lidarnaut.agents.policies import make_policy
     from lidarnaut.agents.start import train
-    from lidarnaut.baselines import make_explorer, policies_for
+    from lidarnaut.baselines import policies_for
     from lidarnaut.baselines.episode import Episode, run_episode
     from lidarnaut.benchmarks.arena.evaluate import evaluate
     from lidarnaut.driver import Driver
@@ -33,9 +33,8 @@ __all__ = [
     "__version__",
     "evaluate",
     "export_policy",
-    "load_policy",
     "load_world",
-    "make_explorer",
+    "make_policy",
     "policies_for",
     "register",
     "robots",
@@ -54,9 +53,8 @@ _MODULES = {
     "Task": "envs.task",
     "evaluate": "benchmarks.arena.evaluate",
     "export_policy": "agents.export",
-    "load_policy": "agents.learned",
     "load_world": "envs.worlds",
-    "make_explorer": "baselines",
+    "make_policy": "agents.policies",
     "policies_for": "baselines",
     "robots": "envs.robots",
     "run_episode": "baselines.episode",
@@ -65,6 +63,9 @@ _MODULES = {
     "worlds": "envs.worlds",
 }
 
+_EARLIER = {"load_policy": "agents.learned", "make_explorer": "agents.policies"}
+"""Modules of names of earlier versions, which `make_policy` replaces."""
+
 try:
     __version__ = importlib.metadata.version("lidarnaut")
 except importlib.metadata.PackageNotFoundError:  # a checkout on the path that is not installed
@@ -72,9 +73,9 @@ except importlib.metadata.PackageNotFoundError:  # a checkout on the path that i
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
+    if name not in _MODULES | _EARLIER:
         raise AttributeError(f"module 'lidarnaut' has no attribute {name!r}; its names are {', '.join(__all__)}")
-    value = globals()[name] = getattr(importlib.import_module(f"lidarnaut.{_MODULES[name]}"), name)
+    value = globals()[name] = getattr(importlib.import_module(f"lidarnaut.{(_MODULES | _EARLIER)[name]}"), name)
     return value
 
 

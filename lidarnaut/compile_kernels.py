@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium
 
 from lidarnaut.agents.learned import find_policy, load_policy
-from lidarnaut.baselines import EXPLORERS, make_explorer
+from lidarnaut.baselines import EXPLORERS
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.slam import SLAM_NAMES
@@ -22,7 +22,7 @@ def compile_kernels() -> None:
     cases: list[tuple[Any, str, Any]] = [(gymnasium.make, id, {"physics": name}) for name in physics for id in ids]
     cases += [(gymnasium.make, explore, kinematic | {"slam": slam}) for slam in SLAM_NAMES]
     cases += [(gymnasium.make, explore, kinematic | {"world": "caves"}), (gymnasium.make_vec, explore, {"num_envs": 1})]
-    explorers: list[Any] = [make_explorer(name) for name in EXPLORERS]
+    explorers: list[Any] = [make() for make in EXPLORERS.values()]
     explorers += [load_policy(find_policy(f"pretrained/{name}")) for name in ("frontiers", "twist")]
     with Progress(total=len(cases) + len(explorers), desc="compiling all kernels", unit="episode") as bar:
         for make, id, arguments in cases:

@@ -9,7 +9,7 @@ import numpy as np
 import pygame
 import pytest
 
-from lidarnaut.baselines import make_explorer
+from lidarnaut import make_policy
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import LidarEnv
@@ -158,7 +158,7 @@ def test_c_shows_the_poses_that_the_matcher_tests(tmp_path):
 def known_map(tmp_path_factory):
     """Return the file of a map from an exploration that began at the spawn."""
     env = LidarEnv(Explore, **QUICK)
-    run_episode(env, make_explorer("nearest"), 0)
+    run_episode(env, make_policy("nearest"), 0)
     return save_map(env.belief.grid, tmp_path_factory.mktemp("maps") / "known.yaml")
 
 

@@ -8,6 +8,9 @@ from lidarnaut.envs.measures import COMMON, SUCCESS, Measure, headline_of
 
 NUM_BRIEF = 5
 """Maximum number of measures printed in the terminal for each world."""
+MIN_STARTS = 5
+"""Minimum number of starts of each policy for a verdict. Tables mark intervals of fewer: the bootstrap of few values
+gives too narrow ones."""
 DECISION = Measure("decision_ms", "decision", "ms", False, digits=2)
 
 
@@ -65,7 +68,8 @@ def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, st
     """Format an estimate for a table cell: text and note, such as ("41", "35 to 47") with the 95 % interval as note.
 
     If some episodes missed a threshold, the text is a lower bound ("> 310 s"), and the note counts those that reached
-    it ("1 of 8"). If all missed it, one of the two is "never". `sign="+"` adds a plus sign to positive values.
+    it ("1 of 8"). If all missed it, one of the two is "never". Intervals of few values say so ("35 to 47; only 2
+    starts"). `sign="+"` adds a plus sign to positive values.
     """
     numbers = (measure.text(value, sign) for value in estimate[:3])
     middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))
@@ -73,4 +77,12 @@ def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, st
         middle = f"{middle} {measure.unit}".strip()
     if estimate.never == estimate.n:
         return ("never", middle) if measure.limit else (middle, "never")
-    return middle, f"{estimate.n - estimate.never} of {estimate.n}" if estimate.is_bound[1] else f"{low} to {high}"
+    if estimate.is_bound[1]:
+        return middle, f"{estimate.n - estimate.never} of {estimate.n}"
+    few = few_starts(estimate.n)
+    return middle, few[2:] if few and estimate.low == estimate.high else f"{low} to {high}{few}"
+
+
+def few_starts(number: int) -> str:
+    """Return the note on an interval of `number` starts; empty if they are enough for a verdict."""
+    return "" if number >= MIN_STARTS else f"; only {number} start{'s' * (number != 1)}"

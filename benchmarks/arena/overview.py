@@ -11,7 +11,7 @@ from lidarnaut.agents.statistics import Estimate, performance_profile
 from lidarnaut.benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
 from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.benchmarks.arena.leaderboard import measures_table, pairs_section, unfinished_section
-from lidarnaut.benchmarks.arena.measures import Measures
+from lidarnaut.benchmarks.arena.measures import Measures, few_starts
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table
 from lidarnaut.benchmarks.arena.plots import NUM_POINTS, draw_bands, draw_growth, render, sample_curves
 from lidarnaut.benchmarks.arena.trace import (
@@ -43,7 +43,8 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
     unit, end = (f"{reference}'s to {measures.mark}", MAX_RELATIVE) if measures.marks else ("the limit", 1.0)
     text = "Times and distances are relative to "
     text += f"those of {reference} to 95 % from the same start" if measures.marks else "the limits of each start"
-    text += ". Bands are 95 % intervals; the dotted curve is the ground-truth bound."
+    few = few_starts(len(set(map(start_of, episodes))))
+    text += f". Bands are 95 % intervals{few}; the dotted curve is the ground-truth bound."
     figures = curve_figures("curves_{}", curves, label, ", as a share of " + unit, end)
     if not measures.marks:
         return Section("Curves", (text, *figures))
@@ -73,7 +74,9 @@ def curve_figures(
     figures = []
     for quantity, (field, words, si) in over.items():
         picture = render(draw_bands, *sample_curves(curves, field, end), quantity + (unit or si), label, True)
-        figures.append(Figure(name.format(quantity), picture, f"{label.capitalize()} over {words}."))
+        few = few_starts(min((sum(map(len, strata)) for strata in curves.values()), default=0))
+        caption = f"{label.capitalize()} over {words}, with 95 % intervals{few}."
+        figures.append(Figure(name.format(quantity), picture, caption))
     return figures
 
 

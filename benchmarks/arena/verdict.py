@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 from lidarnaut.agents.policy_names import short
 from lidarnaut.agents.statistics import Estimate, paired_difference
-from lidarnaut.baselines import CLASSIC
+from lidarnaut.baselines import ALL
 from lidarnaut.benchmarks.arena.episodes import Episodes
-from lidarnaut.benchmarks.arena.measures import texts
+from lidarnaut.benchmarks.arena.measures import MIN_STARTS, texts
 from lidarnaut.benchmarks.arena.page import Figure, Section
 from lidarnaut.benchmarks.arena.plots import draw_values, render
 from lidarnaut.envs.measures import Measure
@@ -27,7 +27,7 @@ def verdict_section(episodes: Episodes) -> Section | None:
         episodes = unseen
     values, reference = episodes.competitors(measure), episodes.reference
     first = next(iter(values.values()))
-    if first.never == first.n:
+    if first.never == first.n or _least(values) < MIN_STARTS:
         return Section("At a glance", (text,))
     levels, title, best, better = {}, measure.title, "best", "better"
     if measures.marks:
@@ -52,7 +52,7 @@ def verdict_section(episodes: Episodes) -> Section | None:
 def verdict(episodes: Episodes) -> str:
     """Summarize an evaluation in a sentence: best policy, tied policies, and result of the ground-truth policy.
 
-    Policies are tied if the 95 % interval of their paired difference contains 0.
+    Policies are tied if the 95 % interval of their paired difference contains 0. It takes `MIN_STARTS` starts of each.
     """
     measures, measure, mark = episodes.measures, episodes.measures.decisive, episodes.measures.mark
     values = episodes.competitors(measure)
@@ -60,6 +60,9 @@ def verdict(episodes: Episodes) -> str:
     number, value = values[leader].n, _value(values[leader], measure)
     if mark and values[leader].never == number:
         return f"No policy reached {mark} from any of the {number} starts within the time limit."
+    if (least := _least(values)) < MIN_STARTS:
+        shared = f"the policies have only {least} start{'s' * (least != 1)} in common"
+        return f"No verdict: {shared}; at least {MIN_STARTS} are needed."
     found = f"{measure.label} {value} over {number} starts"
     if mark:
         found = f"{mark} in {value} of {short(episodes.reference)}'s time over {number} starts"
@@ -73,9 +76,9 @@ def verdict(episodes: Episodes) -> str:
         parts = [f"{short(leader)} is ahead: {found}", f"it cannot be distinguished from {listed}"]
     else:
         parts = [f"{short(leader)} {best}: {found}"]
-    rivals = [policy for policy in others if leader in CLASSIC or policy in CLASSIC]
+    rivals = [policy for policy in others if leader in ALL or policy in ALL]
     if rivals and not set(rivals) & set(tied):
-        who = "the next policy" if leader in CLASSIC else "the best classic policy"
+        who = "the next policy" if leader in ALL else "the best classic policy"
         parts.append(f"{who}, {short(rivals[0])}, {has} {_value(values[rivals[0]], measure)}")
     if bound := _bound(episodes, measure):
         parts.append(f"the bound, {bound[0]}, is {_value(bound[1], measure)}")
@@ -89,6 +92,10 @@ def _bound(episodes: Episodes, measure: Measure) -> tuple[str, Estimate] | None:
     return next((item for item in episodes.standing(measure).items() if item[0] == episodes.bound), None)
 
 
+def _least(values: Mapping[str, Estimate]) -> int:
+    return min(value.n for value in values.values())
+
+
 def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) -> list[str]:
     leader, *others = values
     sign = 1.0 if measure.higher_is_better else -1.0
@@ -99,6 +106,6 @@ def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) 
 def _value(estimate: Estimate, measure: Measure) -> str:
     middle, note = texts(measure, estimate)
     middle = f"{middle} {measure.unit}".strip()
-    if estimate.low == estimate.high:
+    if estimate.low == estimate.high and estimate.n >= MIN_STARTS:
         return middle
     return f"{middle} [{note.replace(' to ', ', ')}]" if " to " in note else f"{middle} ({note})"

@@ -10,10 +10,8 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 
-from lidarnaut.agents.policy_names import parse_policy
-from lidarnaut.baselines import EXPLORERS, OFFERED
+from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.baselines.policy import Policy
 from lidarnaut.benchmarks.drives.recording import Row, run_each
 from lidarnaut.driver import Driver
 from lidarnaut.driver.simulated_robot import SimulatedRobot
@@ -100,11 +98,6 @@ class Loop:
     def error(self) -> float:
         """Distance between estimated and true position [m]."""
         return math.dist(self.robot.start.compose(self.driver.belief.pose)[:2], self.robot.pose[:2])
-
-
-def make_policy(name: str) -> Policy:
-    """Return a classic policy, or a learned one as `learned:PATH` or `pursuit:PATH`."""
-    return parse_policy(name, {**OFFERED["goal"], **EXPLORERS}).make()
 
 
 def _explore(name: str, link: str, seed: int) -> dict[str, float]:

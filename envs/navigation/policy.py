@@ -6,7 +6,6 @@ from typing import Any, Literal
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.files import with_defaults
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation.frontiers.candidates import Markers
 from lidarnaut.envs.navigation.frontiers.frontier_navigator import FrontierNavigator
@@ -65,7 +64,7 @@ class Policy:
 
         `control_period`: time between actions [s]. `rng`: random generator of the policy.
         """
-        self.robot, self.control_period, self.rng = robot, control_period, rng
+        vars(self).update(robot=robot, control_period=control_period, rng=rng)  # also of frozen dataclasses
 
     def set_goal(self, goal: Pose2D) -> None:
         """Receive the goal of the task, map frame, at the start and after changes.
@@ -99,11 +98,45 @@ class ObservationPolicy(Policy):
         raise NotImplementedError(f"{type(self).__name__} must define __call__(observation)")
 
 
-def adopt(policy: Any) -> Any:
-    """Add the defaults of `Explorer` or `ObservationPolicy` to a policy whose class has another base.
+class _Adopted:
+    """Reference to a user's object. Attributes that the object lacks are those of the other base class."""
 
-    Raises:
-        ValueError: if the object does not allow this.
+    def __getattribute__(self, name: str) -> Any:
+        if name[:2] != "__" and name not in (own := object.__getattribute__(self, "__dict__")):
+            try:
+                if name not in getattr(type(self), "_kept", ()):
+                    return getattr(own["_value"], name)
+            except AttributeError:
+                pass
+        return object.__getattribute__(self, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in vars(self) and hasattr(vars(self)["_value"], name):
+            setattr(vars(self)["_value"], name, value)
+        else:
+            vars(self)[name] = value
+
+    @property  # type: ignore[misc]
+    def __class__(self) -> type:
+        """Class of the object, for `isinstance`."""
+        return type(vars(self)["_value"])
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        base: Any = type(self).__bases__[1]
+        return _rebuild, (base, vars(self))
+
+
+def wrap(value: Any, base: type[Policy], **own: Any) -> Any:
+    """Return a policy that refers to an object of another class, and leaves the object as it is.
+
+    `base`: class with the attributes that the object lacks. `own`: attributes of the policy that replace those of the
+    object. Without these, an object of class `base` is returned itself.
     """
-    is_policy = isinstance(policy, Policy)
-    return policy if is_policy else with_defaults(policy, Explorer if hasattr(policy, "act") else ObservationPolicy)
+    return value if isinstance(value, base) and not own else _rebuild(base, {"_value": value, **own})
+
+
+def _rebuild(base: type[Policy], own: dict[str, Any]) -> Any:
+    kind = type(own["_value"])
+    policy: Any = object.__new__(type(kind.__name__, (_Adopted, base), {"__module__": kind.__module__}))
+    vars(policy).update(own)
+    return policy

@@ -12,7 +12,7 @@ from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import NO_POINTS, Candidates, FrontierNavigator, Markers
-from lidarnaut.envs.navigation.policy import Policy, adopt
+from lidarnaut.envs.navigation.policy import Policy, wrap
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.simulation.crowd.person_row import KIND
 
@@ -38,7 +38,7 @@ class EpisodeRecorder:
         `env` is not an environment of this package.
         """
         inner = lidar_env_of(env)
-        self._env, self._explorer = inner, adopt(explorer or Policy())
+        self._env, self._explorer = inner, wrap(explorer or Policy(), Policy)
         self._outer = env.unwrapped
         angles = inner.robot.lidar.angles
         self._beams = np.unique(np.linspace(0, len(angles) - 1, MAX_BEAMS).astype(int))

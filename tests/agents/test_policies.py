@@ -1,16 +1,38 @@
 import copy
 import pickle
+import shutil
+from pathlib import Path
 from types import SimpleNamespace
 
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium import spaces
+from gymnasium.wrappers import TimeLimit
 
+import lidarnaut
+from lidarnaut.agents.explorer import LearnedPolicy
+from lidarnaut.agents.frontiers.score import PRETRAINED, PursuitScoreExplorer, ScoreExplorer
 from lidarnaut.agents.policies import make_policy
-from lidarnaut.baselines import EXPLORERS, RandomExplorer
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.baselines import (
+    EXPLORERS,
+    FrontierExplorer,
+    PursuitExplorer,
+    RandomExplorer,
+    RouteFollower,
+    RrtExplorer,
+    TeamExplorer,
+    TourExplorer,
+)
+from lidarnaut.baselines.adoption import adopt
+from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.policy import Explorer, OnePerRobot
+from lidarnaut.baselines.reactive import RandomChooser
+from lidarnaut.envs.navigation import DockNavigator, GoalNavigator
 from lidarnaut.envs.simulation import Twist
+from tests.own_code import Circling
 
 BOX = spaces.Box(-1.0, 1.0, (2,), np.float32)
 SEEN = {"scan": np.ones(3), "action_mask": np.array([0, 1], dtype=np.int8)}
@@ -121,8 +143,9 @@ def test_levels_are_declared():
 def test_what_cannot_explore_is_refused():
     with pytest.raises(ValueError, match="7 is not an explorer, rule or callable of an observation, and lacks predict"):
         make_policy(7)
-    with pytest.raises(ValueError, match="must be a subclass of lidarnaut"):
-        make_policy(SimpleNamespace(act=lambda reading, belief: None))
+    for name in ("pursuit", Path("runs")):
+        with pytest.raises(ValueError, match=r"is a name, not a policy: lidarnaut.make_policy\(NAME, env\)"):
+            adopt(name)
 
 
 class Duck:
@@ -149,3 +172,74 @@ def test_explorers_without_a_base_class_get_its_defaults_and_can_be_pickled_and_
     team = OnePerRobot(Duck())
     team.reset(None, 0.1, np.random.default_rng(0))
     assert team.act([None] * 2, [None] * 2) == [(0.0, 1.0)] * 2
+
+
+NAMED = {
+    "rrt?eta_local=0.5": RrtExplorer,
+    "frontier:published?sim_time=1.7,min_frontier_size=5": FrontierExplorer,
+    "mine=tour?hysteresis=3": TourExplorer,
+    "pursuit": PursuitExplorer,
+    "pursuit:fast": GoalNavigator,
+    "mppi": GoalNavigator,
+    "dock": DockNavigator,
+    "route_follower": RouteFollower,
+    "mtsp": TeamExplorer,
+    "learned:pretrained/frontiers": ScoreExplorer,
+    "pretrained/frontiers": ScoreExplorer,
+    "pursuit:pretrained/frontiers": PursuitScoreExplorer,
+    "pretrained/reach?deterministic=false": LearnedPolicy,
+    "label=pretrained/reach": LearnedPolicy,
+    "tests.own_code:Circling": Circling,
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_all_names_of_the_command_line_make_policies(name):
+    assert isinstance(make_policy(name), NAMED[name])
+
+
+def test_a_folder_makes_its_policy_and_an_environment_chooses_among_policies_of_the_same_name(tmp_path, monkeypatch):
+    assert isinstance(make_policy(PRETRAINED / "frontiers"), ScoreExplorer)
+    assert isinstance(make_policy(str(PRETRAINED / "frontiers")), ScoreExplorer)
+    shutil.copytree(PRETRAINED / "frontiers", tmp_path / "mine")
+    monkeypatch.chdir(tmp_path)
+    assert isinstance(make_policy("mine"), ScoreExplorer)
+    for id, name, kind in (
+        ("ReachGoal", "pursuit", GoalNavigator),
+        ("Explore", "pursuit", PursuitExplorer),
+        ("ExploreFrontiers", "random", RandomChooser),
+        ("ExploreTeam", "random", OnePerRobot),
+        ("ExploreTeam", "pretrained/frontiers", OnePerRobot),
+    ):
+        with gymnasium.make(f"lidarnaut/{id}-v0", physics="kinematic") as env:
+            policy = make_policy(name, env)
+            assert isinstance(policy, kind), id
+            run_episode(TimeLimit(env, 2), policy, 0)
+    with (
+        gymnasium.make("lidarnaut/ReachGoal-v0", physics="kinematic") as env,
+        pytest.raises(ValueError, match=r"policy 'rrt\?eta_local=0.5' cannot do this task; allowed are pursuit"),
+    ):
+        make_policy("rrt?eta_local=0.5", env)
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "message"),
+    [
+        ("rtt", ValueError, "unknown policy 'rtt' .did you mean 'rrt'"),
+        ("rrt?eta=1", ValueError, "unknown parameter 'eta'"),
+        ("pretrained/nobody", CheckpointError, "available are pretrained/crowd"),
+        ("runs/nothing", CheckpointError, "runs/nothing is not a folder"),
+        ("no_such_module:Mine", ValueError, "no module 'no_such_module'"),
+    ],
+)
+def test_wrong_names_are_explained(name, error, message):
+    with pytest.raises(error, match=message):
+        make_policy(name)
+
+
+def test_names_of_earlier_versions_make_policies_or_name_the_right_call():
+    assert lidarnaut.make_explorer is lidarnaut.make_policy
+    assert not {"make_explorer", "load_policy"} & {*dir(lidarnaut)}
+    assert isinstance(lidarnaut.load_policy("pretrained/frontiers", pursuit=True), PursuitScoreExplorer)
+    with pytest.raises(CheckpointError, match=r"pursuit is a classic policy.*lidarnaut.make_policy\('pursuit'\)"):
+        lidarnaut.load_policy("pursuit")

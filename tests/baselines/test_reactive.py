@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from lidarnaut.baselines import WallFollower, make_explorer
+from lidarnaut import make_policy
+from lidarnaut.baselines import WallFollower
 from lidarnaut.baselines.policy import to_action
 from lidarnaut.envs.geometry import Pose2D
 from tests.baselines.maps import BURGER, reading_of
@@ -47,7 +48,7 @@ def test_the_wall_follower_leaves_a_pillar_that_it_has_been_round():
 
 
 def test_random_covers_the_action_space_and_follows_its_generator():
-    explorer = make_explorer("random")
+    explorer = make_policy("random")
     draws = []
     for seed in (0, 0, 1):
         explorer.reset(BURGER, 0.1, np.random.default_rng(seed))
@@ -62,4 +63,4 @@ def test_random_covers_the_action_space_and_follows_its_generator():
 
 def test_unknown_names_are_answered_with_the_known_ones():
     with pytest.raises(ValueError, match=r"'teleporter'.*random, nearest, frontier"):
-        make_explorer("teleporter")
+        make_policy("teleporter")

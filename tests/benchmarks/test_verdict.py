@@ -68,6 +68,34 @@ def test_the_reference_may_win_and_nobody_may():
     assert verdict_section(related(episodes("nearest", BASE))) is None
 
 
+@pytest.mark.parametrize("number", [1, 2, 4, 5])
+def test_few_starts_give_no_verdict_and_tables_say_so(number):
+    times = {"nearest": BASE[:number], "mine": 0.5 * BASE[:number], "mine (ground truth)": 0.2 * BASE[:number]}
+    explored = related([row for policy, values in times.items() for row in episodes(policy, values)])
+    section, (ranking,) = verdict_section(explored), ranking_sections(explored)
+    notes = [cell.note for line in ranking.parts[-1].lines for cell in line[1:] if cell.note]
+    if number >= 5:
+        assert section.parts[0].startswith("mine is fastest")
+        assert not [note for note in notes if "only" in note]
+        return
+    few = f"only {number} start{'s' * (number > 1)}"
+    assert section.parts == (f"No verdict: the policies have {few} in common; at least 5 are needed.",)
+    assert all(note.endswith(few) for note in notes)
+    assert len(notes) > 10
+
+
+def test_the_policy_with_the_fewest_starts_decides_whether_there_is_a_verdict():
+    rows = [*episodes("nearest", BASE), *episodes("mine", 0.5 * BASE), *episodes("late", 0.4 * BASE[:3])]
+    assert verdict(related(rows)).startswith("No verdict: the policies have only 3 starts in common;")
+    never = related([*episodes("nearest", [np.inf] * 2), *episodes("mine", [np.inf] * 2)])
+    assert verdict(never) == "No policy reached 95 % from any of the 2 starts within the time limit."
+
+
+def test_a_bound_of_few_starts_says_so():
+    rows = [*episodes("nearest", BASE), *episodes("mine", 0.5 * BASE), *episodes("o (ground truth)", [20.0, 30.0])]
+    assert "the bound, o (ground truth), is 0.25 [0.20, 0.30; only 2 starts]" in verdict(related(rows))
+
+
 def test_what_no_training_saw_comes_first():
     unseen, seen = "turtlebot3_house", "rrt_house"
     rows = []

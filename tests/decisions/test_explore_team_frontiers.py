@@ -2,7 +2,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from lidarnaut.baselines import make_explorer
+from lidarnaut import make_policy
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.decisions.explore_team_frontiers import ExploreTeamFrontiersEnv
 from tests.rollouts import rollout
@@ -47,7 +47,7 @@ def test_what_another_robot_goes_to_is_no_gain_and_peers_tell_of_it():
 
 def test_policies_for_one_robot_explore_with_all_of_them():
     env = gymnasium.make("lidarnaut/ExploreTeamFrontiers-v0", num_robots=3, target_coverage=0.95, **ROOMS)
-    episode = run_episode(env, make_explorer("gain_over_cost"), 1)
+    episode = run_episode(env, make_policy("gain_over_cost"), 1)
     assert (episode.end_reason, episode.collisions) == ("covered", 0.0)
     assert min(truth.path_length for truth in env.unwrapped.explore.truths) > 2.0
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import lidarnaut  # noqa: F401
+from lidarnaut import make_explorer
 from lidarnaut.agents.policies import make_policy
-from lidarnaut.baselines import make_explorer, policies_for
+from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with
 from lidarnaut.benchmarks.drives.driving import IDEAL, LINKS, Link, Loop
 from lidarnaut.driver import Driver

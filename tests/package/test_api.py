@@ -23,7 +23,7 @@ def test_dir_lists_the_public_names_alone_and_each_has_a_docstring_and_types():
 
 
 def test_unknown_names_list_the_known_ones():
-    with pytest.raises(AttributeError, match=r"no attribute 'fly'.* make_explorer, policies_for"):
+    with pytest.raises(AttributeError, match=r"no attribute 'fly'.* make_policy, policies_for"):
         lidarnaut.fly  # noqa: B018
 
 
@@ -39,7 +39,7 @@ def test_a_first_session_works_with_public_names(tmp_path):
 
 def test_evaluate_takes_names_and_own_policies_and_keeps_files_if_asked(tmp_path):
     common = {"id": "lidarnaut/ReachGoal-v0", "arguments": {"time_limit": 2.0}, "physics": ["kinematic"], "episodes": 2}
-    own = {"still": lambda: lidarnaut.make_explorer("random"), "pursuit": None}
+    own = {"still": lambda: lidarnaut.make_policy("random"), "pursuit": None}
     summary = lidarnaut.evaluate(["random", "pursuit"], ["rooms"], people=[2], out=tmp_path / "out", **common)
     assert summary["random"]["rooms"]["success"].n == 2
     assert (tmp_path / "out" / "report.html").is_file()

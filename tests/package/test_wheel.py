@@ -31,7 +31,7 @@ for module in (agents, baselines, benchmarks, envs, evaluate_command, lidarnaut,
     print(Path(module.__file__))
 print(find_configuration("explore_frontiers", "experiment"))
 assert load_world("barn:12").goals
-for explorer in (baselines.make_explorer("nearest"), load_policy(find_policy("pretrained/frontiers"))):
+for explorer in (lidarnaut.make_policy("nearest"), load_policy(find_policy("pretrained/frontiers"))):
     env = gymnasium.make("lidarnaut:lidarnaut/ExploreHouse-v0", physics="kinematic", time_limit=3.0)
     start = begin_episode(env, explorer, 0, env.np_random)
     print(run(env, decide_with(explorer, env.unwrapped), *start).info["end_reason"])

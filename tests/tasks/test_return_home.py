@@ -4,7 +4,7 @@ import pickle
 import numpy as np
 import pytest
 
-from lidarnaut.baselines import make_explorer
+from lidarnaut import make_policy
 from lidarnaut.baselines.episode import begin_episode, decide_with, run
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.decisions.abstract import ExploreFrontiersAbstractEnv
@@ -17,7 +17,7 @@ QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "re
 
 class Tired:
     def __init__(self, patience):
-        self._explorer, self._patience, self.end_reason = make_explorer("nearest"), patience, None
+        self._explorer, self._patience, self.end_reason = make_policy("nearest"), patience, None
 
     plan = property(lambda self: self._explorer.plan)
 
@@ -43,7 +43,7 @@ def distance_home(env):
 
 
 def test_the_episode_ends_at_the_start_once_the_world_is_explored():
-    env, infos = explore(make_explorer("nearest"), control_hz=5.0)
+    env, infos = explore(make_policy("nearest"), control_hz=5.0)
     last = infos[-1]
     assert (last["end_reason"], last["returned"], last["is_success"]) == ("returned", True, True)
     assert distance_home(env) <= HOME_RADIUS

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
+from lidarnaut import make_policy
 from lidarnaut.agents.frontiers.features import NAMES, NEAREST, NUM_FEATURES, PRIOR, score_features
 from lidarnaut.agents.frontiers.score import (
     MAX_CANDIDATES,
@@ -16,7 +17,6 @@ from lidarnaut.agents.frontiers.score import (
 )
 from lidarnaut.agents.learned import find_policy, load_policy
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.baselines import make_explorer
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.frontier.rules import nearest
 from lidarnaut.envs.core import LidarEnv
@@ -109,7 +109,7 @@ def test_explorers_of_scores_explore_and_that_of_the_prior_as_the_rule_does(name
     episode = run_episode(env, explorer, 3)
     assert episode.explored_fraction >= 0.95
     if name == "prior":
-        classic = run_episode(env, make_explorer("gain_over_cost"), 3)
+        classic = run_episode(env, make_policy("gain_over_cost"), 3)
         assert (episode.time_to_95, episode.path_length) == (classic.time_to_95, classic.path_length)
 
 

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+from lidarnaut import make_policy
 from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.baselines import FrontierParams, GainOverCostExplorer, RrtParams, TourParams, make_explorer
+from lidarnaut.baselines import FrontierParams, GainOverCostExplorer, RrtParams, TourParams
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.frontier.rules import ExploreLite, NextBestViewParams
 from lidarnaut.envs.core import LidarEnv
@@ -56,7 +57,7 @@ def test_same_seed_same_episode(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_rules_choose_at_decision_level_too(name):
     env = ExploreFrontiersEnv(world="turtlebot3_world", physics="kinematic", start="spawn")
-    explorer = make_explorer(name)
+    explorer = make_policy(name)
     env.reset(seed=0)
     if hasattr(explorer.rule, "reset"):
         explorer.rule.reset(env.robot, np.random.default_rng(0))
@@ -69,7 +70,7 @@ def test_rules_choose_at_decision_level_too(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_in_a_closed_room_explorers_look_around_and_end(name):
-    grid, explorer = hall(), make_explorer(name)
+    grid, explorer = hall(), make_policy(name)
     grid.data[64:96, 28:30] = grid.data[40:120, 230:232] = 100
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     turns = []
@@ -83,16 +84,16 @@ def test_in_a_closed_room_explorers_look_around_and_end(name):
 @pytest.mark.parametrize(("name", "lacks"), [("nearest", "reset"), ("rrt", "reset"), ("oracle", "reveal")])
 def test_a_reset_comes_first(name, lacks):
     with pytest.raises(RuntimeError, match=lacks):
-        make_explorer(name).act(reading_of(), belief_at(5.0, 0.0))
+        make_policy(name).act(reading_of(), belief_at(5.0, 0.0))
 
 
 def test_nearest_goes_to_the_nearest_opening_that_has_not_failed():
     # The openings are at x = -0.1 and x = 10.1.
-    assert first_choice(make_explorer("nearest"), 4.0, 0.0)[0] < 0.0
-    assert first_choice(make_explorer("nearest"), 6.0, 0.0)[0] > 10.0
+    assert first_choice(make_policy("nearest"), 4.0, 0.0)[0] < 0.0
+    assert first_choice(make_policy("nearest"), 6.0, 0.0)[0] > 10.0
     candidates = candidates_from(4.0, 0.0)
     candidates["failures"][:] = candidates["frontier"][:, 0] < 0.0
-    chosen = make_explorer("nearest").rule(candidates, belief_at(4.0, 0.0)).argmax()
+    chosen = make_policy("nearest").rule(candidates, belief_at(4.0, 0.0)).argmax()
     assert candidates["frontier"][chosen][0] > 10.0
 
 
@@ -101,7 +102,7 @@ def test_nearest_leaves_openings_narrower_than_the_robot_for_later(robot, side):
     grid, robot = hall(), load_robot(robot)
     grid.data[64:96, 28:30] = 100
     grid.data[74:86, 28:30] = 0  # 0.6 m
-    explorer = make_explorer("nearest")
+    explorer = make_policy("nearest")
     explorer.reset(robot, 0.1, np.random.default_rng(0))
     explorer.act(reading_of(robot=robot), belief_at(4.0, 0.0, grid))
     assert (explorer.navigator.target[0] < 5.0) == (side == "left")
@@ -109,7 +110,7 @@ def test_nearest_leaves_openings_narrower_than_the_robot_for_later(robot, side):
 
 def test_explore_lite_weighs_three_metres_against_nine_cells():
     # Frontiers of 60 cells 4 m to the left, and a larger one farther away to the right.
-    published = make_explorer("explore_lite:published")
+    published = make_policy("explore_lite:published")
     assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 299)))[0] < 7.0
     assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 339)))[0] > 13.0
     # Without gain, the nearer frontier is better.
@@ -120,8 +121,8 @@ def test_explore_lite_weighs_three_metres_against_nine_cells():
 @pytest.mark.parametrize(
     ("explorer", "goes_far"),
     [
-        (make_explorer("greedy_gain"), True),
-        (make_explorer("next_best_view:published"), False),
+        (make_policy("greedy_gain"), True),
+        (make_policy("next_best_view:published"), False),
         (parse_policy("next_best_view?discount=0.0").make(), True),
         (GainOverCostExplorer(), True),
         # A small added cost favours the nearest frontier; a high minimum gain makes all views equal.
@@ -134,9 +135,9 @@ def test_rules_weigh_a_crack_close_by_against_a_wide_opening_far_away(explorer, 
 
 
 def test_frontier_prefers_the_greater_gain_at_equal_distance():
-    assert first_choice(make_explorer("frontier"), 5.0, 0.0)[0] > 10.0
+    assert first_choice(make_policy("frontier"), 5.0, 0.0)[0] > 10.0
     # Much nearer to the small opening, the gain does not outweigh the distance.
-    assert first_choice(make_explorer("frontier"), 1.8, 0.0)[0] < 0.0
+    assert first_choice(make_policy("frontier"), 1.8, 0.0)[0] < 0.0
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from lidarnaut.baselines import TourExplorer, TourParams, make_explorer
+from lidarnaut import make_policy
+from lidarnaut.baselines import TourExplorer, TourParams
 from lidarnaut.baselines.frontier.open_tour import best_tours, tour_length
 from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, path_lengths
 from lidarnaut.envs.geometry import OccupancyGrid
@@ -72,7 +73,7 @@ def test_larger_cells_neither_open_walls_nor_close_doors(width, is_open):
 def test_a_tour_finishes_what_is_near_before_it_leaves_for_good():
     # A dead end 1.5 m to the left; the path on 1.2 m to the right: nearest-first goes right, and has to come back.
     grid = corridor((160, 169), (225, 230), (300, 320))
-    assert first_choice(make_explorer("nearest"), 10.0, -0.5, grid)[0] > 11.0
+    assert first_choice(make_policy("nearest"), 10.0, -0.5, grid)[0] > 11.0
     assert first_choice(TourExplorer(TourParams(max_stops=16)), 10.0, -0.5, grid)[0] < 9.0
 
 

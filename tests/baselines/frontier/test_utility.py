@@ -4,7 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarnaut.baselines import FrontierExplorer, FrontierParams, make_explorer
+from lidarnaut import make_policy
+from lidarnaut.baselines import FrontierExplorer, FrontierParams
 from lidarnaut.baselines.frontier.utility import cluster, is_clear
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import DwbParams, crop_to_known
@@ -106,7 +107,7 @@ def test_a_robot_walled_in_by_its_own_map_says_that_it_is_stuck():
 
 
 def test_published_values_reach_planning_driving_and_dwb():
-    explorer = make_explorer("frontier:published")
+    explorer = make_policy("frontier:published")
     dwb, limits, rule = explorer.dwb, explorer.params, explorer.rule._params
     assert (dwb.max_vel_x, dwb.max_vel_theta, dwb.acc_lim_x, dwb.sim_time, dwb.width) == (0.78, 2.0, 4.0, 2.5, 10.0)
     assert (dwb.inflation_radius, limits.stuck_time, limits.stuck_distance) == (0.6, 30.0, 0.5)

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from lidarnaut.baselines import EXPLORERS, NearestExplorer, OracleExplorer, PrivilegedPolicy, make_explorer
+from lidarnaut import make_policy
+from lidarnaut.baselines import EXPLORERS, NearestExplorer, OracleExplorer, PrivilegedPolicy
 from lidarnaut.baselines.episode import begin_episode, run_episode
 from lidarnaut.baselines.oracle.oracle_explorer import TrueMap
 from lidarnaut.baselines.policy import to_action
@@ -22,7 +23,7 @@ def explore(explorer, world, seed=0, slam="truth", **settings):
 
 
 def test_only_the_oracle_uses_ground_truth():
-    omniscient = [name for name in EXPLORERS if isinstance(make_explorer(name), PrivilegedPolicy)]
+    omniscient = [name for name in EXPLORERS if isinstance(make_policy(name), PrivilegedPolicy)]
     assert omniscient == ["oracle"]
 
 
