@@ -207,5 +207,5 @@ class Navigate(KnownMapTask, GoalTask):
 
     def _is_at_goal(self) -> bool:
         to_goal = self._true_pose.between(self._true_goal)
-        near, aligned = self.goal_tolerance, self.heading_tolerance
+        near, aligned = self.goal_tolerance, self.heading_tolerance or math.pi
         return distance(to_goal.x, to_goal.y) <= near and abs(to_goal.theta) <= aligned
