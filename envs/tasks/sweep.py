@@ -39,16 +39,6 @@ def sweep(unswept, frame, line, radius):
     return count
 
 
-@njit(cache=True, error_model="numpy")
-def keep_clear(cells, frame, segments, circles, least):
-    """Clear the cells of a mask, shape (height, width), bool, whose centres are nearer than `least` [m] to obstacles."""
-    for row in range(cells.shape[0]):
-        for col in range(cells.shape[1]):
-            if cells[row, col]:
-                x, y = frame.x + (col + 0.5) * frame.resolution, frame.y + (row + 0.5) * frame.resolution
-                cells[row, col] = clearance(x, y, segments, circles) >= least
-
-
 @dataclass(kw_only=True, eq=False)
 class Sweep(KnownMapTask):
     """Sweep the floor of a known map.
@@ -123,10 +113,9 @@ class Sweep(KnownMapTask):
         # Half a cell of clearance, as in planning. Obstacles lie anywhere in their cells.
         distances, reached = partial(ndimage.distance_transform_edt, sampling=walls.resolution), self.area.traversable
         to_walls, least = distances(walls.data == 0), radius + 0.5 * walls.resolution
-        roomy, near = reached & (to_walls > least + 1e-9), to_walls < least + walls.resolution
-        clear = roomy & near
-        keep_clear(clear, self._raster, self._world.segments, self._world.circles, least - 1e-9)
-        roomy &= clear | ~near
+        roomy = reached & (to_walls > least + 1e-9)
+        near, obstacles = roomy & (to_walls < least + walls.resolution), (self._world.segments, self._world.circles)
+        roomy[near] = [clearance(x, y, *obstacles) >= least - 1e-9 for x, y in walls.centers(np.argwhere(near))]
         self.unswept = distances(~(roomy if roomy.any() else reached)) <= radius
         """True floor cells to sweep, shape of the raster, bool."""
         self.floor_area, self.swept_area = float(self.unswept.sum()) * walls.resolution**2, 0.0

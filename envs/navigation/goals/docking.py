@@ -31,6 +31,9 @@ PATH_STEP, MAX_PATH_STEPS = 0.03, 100
 MAX_POINT_GAP, MAX_WIDTH, WIDTH_ERROR, MAX_OFFSET, MAX_TURN = 0.05, 0.8, 0.05, 0.3, 0.35
 """Detection of the station: maximum gap between neighbouring points, width, change of the width, and distance from the
 expected position [m]; maximum difference from the expected heading [rad]."""
+MIN_POINTS, MIN_DEPTH, MIN_SCORE = 5, 0.01, 6.0
+"""Detection of a station at a wall: minimum number of points on the front and on either side, distance that it stands
+out [m], and this distance divided by its standard error."""
 MAX_AVERAGED = 20
 """Number of scans in the moving average of the station's pose."""
 
@@ -40,16 +43,44 @@ def find_front(points: np.ndarray, expected: Pose2D) -> tuple[Pose2D, float] | N
 
     The x axis of the pose points into the station. `points`: in the order of beams, shape (n, 2), base frame [m].
     """
+    points = expected.inverse().transform(points)
+    found = find_raised(points) or _find_isolated(points)
+    return None if found is None else (expected.compose(found[0]), found[1])
+
+
+def find_raised(points: np.ndarray) -> tuple[Pose2D, float] | None:
+    """Return pose and width [m] of the part of a wall near the origin that stands out most; None if none is certain.
+
+    Least squares of a line with a step, over all intervals of points. `points`: shape (n, 2), expected front [m].
+    """
+    points = points[(np.abs(points) < (MAX_OFFSET, MAX_WIDTH)).all(axis=1)]
+    if len(points) < 20:
+        return None
+    x, y = (points - points.mean(axis=0)).T
+    rest, index = x - (x @ y) / (y @ y) * y, np.arange(len(x) + 1)
+    count, sum_y, sum_rest = (np.subtract.outer(s, s).T for s in (index, *(np.append(0.0, np.cumsum(v)) for v in (y, rest))))
+    spread = np.maximum(count - count**2 / len(x) - sum_y**2 / (y @ y), 1e-9)
+    is_inside = (index >= MIN_POINTS) & (index <= len(x) - MIN_POINTS)
+    is_front = is_inside & is_inside[:, None] & (count >= MIN_POINTS) & (-sum_rest >= MIN_DEPTH * spread)
+    score = np.where(is_front, sum_rest**2 / spread, 0.0)
+    i, j = np.unravel_index(score.argmax(), score.shape)
+    is_certain = score[i, j] * len(x) > MIN_SCORE**2 * (rest @ rest - score[i, j])
+    return _front_of(points[i:j]) if is_certain else None
+
+
+def _find_isolated(points: np.ndarray) -> tuple[Pose2D, float] | None:
     breaks = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > MAX_POINT_GAP) + 1
-    clusters = np.split(expected.inverse().transform(points), breaks)
-    front = min(clusters, key=lambda cluster: np.hypot(*cluster.T).min(initial=math.inf))
-    if len(front) < 5 or (width := math.dist(front[0], front[-1])) > MAX_WIDTH:
+    return _front_of(min(np.split(points, breaks), key=lambda cluster: np.hypot(*cluster.T).min(initial=math.inf)))
+
+
+def _front_of(front: np.ndarray) -> tuple[Pose2D, float] | None:
+    if len(front) < MIN_POINTS or (width := math.dist(front[0], front[-1])) > MAX_WIDTH:
         return None
     slope, offset = np.polyfit(front[:, 1], front[:, 0], 1).tolist()
     y = 0.5 * float(front[0, 1] + front[-1, 1])
     found = Pose2D(offset + slope * y, y, -math.atan(slope))
     is_near = math.hypot(found.x, found.y) <= MAX_OFFSET and abs(found.theta) <= MAX_TURN
-    return (expected.compose(found), width) if is_near else None
+    return (found, width) if is_near else None
 
 
 def approach(target: Pose2D, speed: float) -> Twist:
