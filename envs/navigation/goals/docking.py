@@ -1,5 +1,6 @@
 """Docking at a charging station, with the steps and gains of Nav2's docking server."""
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -31,9 +32,9 @@ PATH_STEP, MAX_PATH_STEPS = 0.03, 100
 MAX_POINT_GAP, MAX_WIDTH, WIDTH_ERROR, MAX_OFFSET, MAX_TURN = 0.05, 0.8, 0.05, 0.3, 0.35
 """Detection of the station: maximum gap between neighbouring points, width, change of the width, and distance from the
 expected position [m]; maximum difference from the expected heading [rad]."""
-MIN_POINTS, MIN_DEPTH, MIN_SCORE = 5, 0.01, 6.0
+MIN_POINTS, MIN_DEPTH, MIN_SCORE, MAX_RESIDUAL = 5, 0.01, 6.0, 0.05
 """Detection of a station at a wall: minimum number of points on the front and on either side, distance that it stands
-out [m], and this distance divided by its standard error."""
+out [m], and this distance divided by its standard error; maximum standard deviation of the points [m]."""
 MAX_AVERAGED = 20
 """Number of scans in the moving average of the station's pose."""
 
@@ -44,15 +45,12 @@ def find_front(points: np.ndarray, expected: Pose2D) -> tuple[Pose2D, float] | N
     The x axis of the pose points into the station. `points`: in the order of beams, shape (n, 2), base frame [m].
     """
     points = expected.inverse().transform(points)
-    found = find_raised(points) or _find_isolated(points)
+    found = _find_isolated(points) or _find_raised(points)
     return None if found is None else (expected.compose(found[0]), found[1])
 
 
-def find_raised(points: np.ndarray) -> tuple[Pose2D, float] | None:
-    """Return pose and width [m] of the part of a wall near the origin that stands out most; None if none is certain.
-
-    Least squares of a line with a step, over all intervals of points. `points`: shape (n, 2), expected front [m].
-    """
+def _find_raised(points: np.ndarray) -> tuple[Pose2D, float] | None:
+    """Find the part of a wall that stands out most: least squares of a line with a step, over all intervals."""
     points = points[(np.abs(points) < (MAX_OFFSET, MAX_WIDTH)).all(axis=1)]
     if len(points) < 20:
         return None
@@ -64,13 +62,20 @@ def find_raised(points: np.ndarray) -> tuple[Pose2D, float] | None:
     is_front = is_inside & is_inside[:, None] & (count >= MIN_POINTS) & (-sum_rest >= MIN_DEPTH * spread)
     score = np.where(is_front, sum_rest**2 / spread, 0.0)
     i, j = np.unravel_index(score.argmax(), score.shape)
-    is_certain = score[i, j] * len(x) > MIN_SCORE**2 * (rest @ rest - score[i, j])
-    return _front_of(points[i:j]) if is_certain else None
+    variance = (rest @ rest - score[i, j]) / len(x)
+    is_step = score[i, j] > MIN_SCORE**2 * variance and variance < MAX_RESIDUAL**2
+    return _front_of(points[i:j]) if is_step else None
 
 
 def _find_isolated(points: np.ndarray) -> tuple[Pose2D, float] | None:
+    """Find the nearest cluster, if its neighbours are behind it."""
     breaks = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > MAX_POINT_GAP) + 1
-    return _front_of(min(np.split(points, breaks), key=lambda cluster: np.hypot(*cluster.T).min(initial=math.inf)))
+    pairs = itertools.pairwise([0, *breaks.tolist(), len(points)])
+    a, b = min(pairs, key=lambda ends: np.hypot(*points[slice(*ends)].T).min(initial=math.inf))
+    found, sides = _front_of(points[a:b]), (points[max(a - 3, 0) : a], points[b : b + 3])
+    if found is None or any(len(p) and found[0].inverse().transform(p)[:, 0].mean() < MAX_POINT_GAP for p in sides):
+        return None
+    return found
 
 
 def _front_of(front: np.ndarray) -> tuple[Pose2D, float] | None:
