@@ -181,6 +181,7 @@ def test_a_contact_while_backing_off_is_remembered_behind_the_robot():
     navigator._to_dock, navigator._is_backing = Pose2D(0.2, 0.0, 0.0), True
     assert navigator.act(env.reading, env.belief).v < 0.0
     assert navigator.act(env.reading._replace(bumper=True), env.belief) == (0.0, 0.0)
+    assert navigator._navigator.record["forward"] == 0
     touched = navigator._navigator.obstacles[: navigator._navigator.record["num_remembered"]]
     assert len(touched) == 5
     assert (touched[:, 0] < 0.0).all()
@@ -205,6 +206,33 @@ def test_the_front_of_a_station_is_found_among_other_points(pose):
     assert find_front(points, pose.compose(Pose2D(0.0, -0.5, 0.0))) is None
     assert find_front(wall, pose) is None  # too wide
     assert find_front(np.empty((0, 2)), pose) is None
+
+
+def wall_with_station(depth, noise, rng, distance=0.9):
+    """Return the points of a scan, one per degree, of a wall with a station 0.3 m wide that stands out by `depth`."""
+    bearings = np.radians(np.arange(-80.0, 80.0))
+    front, wall = distance / np.cos(bearings), (distance + depth) / np.cos(bearings)
+    ranges = np.where(np.abs(front * np.sin(bearings)) < 0.15, front, wall) + noise * rng.standard_normal(160)
+    return (ranges * np.array([np.cos(bearings), np.sin(bearings)])).T
+
+
+@pytest.mark.parametrize(
+    ("depth", "noise"), [(0.03, 0.01), (0.04, 0.01), (0.06, 0.01), (0.1, 0.01), (0.06, 0.03), (0.1, 0.03), (0.15, 0.03)]
+)
+def test_a_station_stands_out_from_a_wall_by_little_more_than_the_noise(depth, noise):
+    rng, expected, offsets = np.random.default_rng(1), Pose2D(0.85, 0.05, 0.05), []
+    for _ in range(20):
+        found = find_front(wall_with_station(depth, noise, rng), expected)
+        offsets += [] if found is None else [found[0][:2]]
+        assert find_front(wall_with_station(0.0, noise, rng), expected) is None
+    assert len(offsets) >= 15
+    assert np.median(offsets, axis=0) == pytest.approx([0.9, 0.0], abs=0.01)
+
+
+@pytest.mark.parametrize(("robot", "depth"), [("create3", 0.02), ("create3", 0.05), ("raspimouse", 0.06)])
+def test_the_policy_docks_at_stations_that_hardly_stand_out(robot, depth):
+    episode = play(LidarEnv(Dock, **STATION | {"robot": robot}, **lot(x=6.0 - depth)), "dock")
+    assert (episode.end_reason, episode.collisions) == ("docked", 0)
 
 
 def test_stations_are_solid_and_need_docks():

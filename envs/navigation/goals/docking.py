@@ -22,8 +22,8 @@ K_PHI, K_DELTA, BETA, LAMBDA = 3.0, 2.0, 0.4, 2.0
 MIN_SPEED, MAX_SPEED, SLOWDOWN, STOP_DISTANCE = 0.02, 0.15, 0.5, 0.003
 """Approach: speed limits [m/s], speed per remaining distance [1/s], and remaining distance of the stop [m]."""
 WAIT_TIME, BLOCKED_TIME, MAX_RETRIES = 1.0, 15.0, len(STAGING_DISTANCES) - 1
-"""Time to wait for the charging current [s]; for obstacles to move away, or near a staging pose that is not reached [s];
-maximum number of retries."""
+"""Time to wait for the charging current, and for obstacles to move away or the staging pose to become free [s]; maximum
+number of retries."""
 COLLISION_THRESHOLD, BACK_ROOM = 0.3, 0.1
 """Obstacles nearer to the station are ignored, as by Nav2's `dock_collision_threshold`; room needed to drive backwards
 [m]."""
@@ -56,7 +56,9 @@ def _find_raised(points: np.ndarray) -> tuple[Pose2D, float] | None:
         return None
     x, y = (points - points.mean(axis=0)).T
     rest, index = x - (x @ y) / (y @ y) * y, np.arange(len(x) + 1)
-    count, sum_y, sum_rest = (np.subtract.outer(s, s).T for s in (index, *(np.append(0.0, np.cumsum(v)) for v in (y, rest))))
+    count, sum_y, sum_rest = (
+        np.subtract.outer(s, s).T for s in (index, *(np.append(0.0, np.cumsum(v)) for v in (y, rest)))
+    )
     spread = np.maximum(count - count**2 / len(x) - sum_y**2 / (y @ y), 1e-9)
     is_inside = (index >= MIN_POINTS) & (index <= len(x) - MIN_POINTS)
     is_front = is_inside & is_inside[:, None] & (count >= MIN_POINTS) & (-sum_rest >= MIN_DEPTH * spread)
@@ -149,7 +151,8 @@ class DockNavigator(GoalNavigator):
         self._to_dock = expected if self._blocked_steps else self._locate(expected)  # obstacles may hide the station
         twist = self._dock(reading, self._to_dock)
         self._is_touched = reading.bumper
-        self._navigator.note_command(twist)
+        if twist.v:  # a robot that stops still rolls on
+            self._navigator.note_command(twist)
         return twist
 
     def _dock(self, reading: Reading, to_dock: Pose2D) -> Twist:
