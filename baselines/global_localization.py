@@ -96,7 +96,7 @@ def localize_and_drive(
     while len(ends) < goals and not (ends and ends[-1]["end_reason"] == "lost"):
         if ends:
             here = env.map_pose.compose(env.belief.pose)
-            env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng)))
+            env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng))[:2])
         observation, info, _ = run(env, decide, observation, info, note)
         ends.append(info)
     env.close()

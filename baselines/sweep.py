@@ -20,6 +20,10 @@ from .reactive import MIN_WALL_MARGIN, WallFollower
 
 Patch = list[np.ndarray]
 """Alternative tours of a part of the floor: waypoints (row, column), shape (n, 2), int."""
+MAX_PASSES = 6
+"""Maximum number of passes; further ones find floor only by errors of the pose estimate."""
+FINE_TOLERANCE = 0.6
+"""Goal tolerance after the first pass [grid cells]; at a whole cell, the body stays away from the walls."""
 OVERLAP = 0.5
 """Minimum overlap of neighbouring lanes [grid cells]."""
 STEPS = ((-1, 0), (0, 1), (1, 0), (0, -1))
@@ -29,7 +33,8 @@ STEPS = ((-1, 0), (0, 1), (1, 0), (0, -1))
 def boustrophedon(free: np.ndarray, width: int, start: tuple[int, int]) -> list[Patch]:
     """Return parallel lanes along the longer axis of each cell of a boustrophedon decomposition.
 
-    Choset, "Coverage of Known Spaces: The Boustrophedon Cellular Decomposition" (2000), with slices of one row.
+    Choset, "Coverage of Known Spaces: The Boustrophedon Cellular Decomposition" (2000), with slices of one row, and
+    cells that also end at bends.
 
     Args:
         free: collision-free grid cells, shape (height, width), bool.
@@ -44,6 +49,8 @@ def boustrophedon(free: np.ndarray, width: int, start: tuple[int, int]) -> list[
         last = []
         for (a, b), joined in zip(runs, above, strict=True):
             is_one = len(joined) == 1 and sum(cell is joined[0] for others in above for cell in others) == 1
+            # At the bend of a corridor, the length of the runs more than doubles or halves.
+            is_one = is_one and 0.5 < (b - a + 1) / (joined[0][-1][2] - joined[0][-1][1] + 1) < 2.0
             last.append(joined[0] if is_one else [])
             cells += [] if is_one else last[-1:]
             last[-1].append((row, a, b))
@@ -133,7 +140,8 @@ class SweepNavigator(GoalNavigator):
     def _advance(self, pose: Pose2D) -> None:
         num_passes = self._num_passes
         while not (self._waypoints or self._choose_tour(pose)):
-            if self._num_passes == num_passes + 2:  # One of two passes in succession sweeps all floor.
+            # One of two passes in succession sweeps all floor.
+            if self._num_passes in (num_passes + 2, MAX_PASSES):
                 self.end_reason = "no_floor_left"
                 return
             self._begin_pass(pose)
@@ -150,7 +158,7 @@ class SweepNavigator(GoalNavigator):
         for line in self._driven:
             self._mark(*line)
         self._driven.clear()
-        self._tolerance = self.params.goal_tolerance if is_first else self._grid.resolution
+        self._tolerance = self.params.goal_tolerance if is_first else FINE_TOLERANCE * self._grid.resolution
         rest = self._free if is_first else self._free & self._near(self._wide(), 0.5 * radius)
         make_tours = self._make_tours if is_first else boustrophedon
         width = max(1, int(2.0 * radius / self._grid.resolution - OVERLAP))

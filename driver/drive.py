@@ -46,7 +46,8 @@ class Options:
     policy: str = "learned:pretrained/frontiers"
     """Policy: a name as in `lidarnaut-evaluate --policies`. Policies with a goal wait for `goal` or `/goal_pose`."""
     goal: tuple[float, ...] | None = None
-    """Goal x, y [m], and optionally heading [rad], map frame; selects policies that drive to goals."""
+    """Goal x, y [m], and optionally heading [rad] (not for learned policies), map frame; selects policies that drive to
+    goals."""
     slam: str = "hector"
     """SLAM, without a map."""
     map: Path | None = None
@@ -271,10 +272,13 @@ class Session:
         return replace(self._robot.lidar, num_beams=count, fov=fov, mount=mount, range_min=low, range_max=high)
 
     def _on_goal(self, message: Any) -> None:
-        pose = message.pose
+        position, rotation = message.pose.position, message.pose.orientation
         with self._lock:
             if self.driver is not None and self._is_in(message.header, self.options.map_frame):
-                self.driver.goal(pose.position.x, pose.position.y, yaw_of(pose.orientation))
+                if not self.driver.takes_headings:  # RViz always sends one
+                    LOGGER.warning("learned policies do not turn to headings: that of the goal is ignored")
+                    rotation = None
+                self.driver.goal(position.x, position.y, None if rotation is None else yaw_of(rotation))
 
     def _on_initial_pose(self, message: Any) -> None:
         pose = message.pose.pose

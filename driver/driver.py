@@ -112,6 +112,8 @@ class Driver:
         self.dropped: Counter[str] = Counter()
         """Numbers of dropped messages by reason."""
         self._policy, self._seed = policy, seed
+        self.takes_headings = hasattr(policy, "act") or "heading_tolerance" in arguments
+        """Whether goals may have headings: not for learned policies, unless there is a `heading_tolerance`."""
         self._decide: Decide | None = None
         self._wheels = WheelMotion(robot, odometry_scales, uses_encoders=motion == "encoders")
         self._scans, self._rates = (deque[tuple[float, Any]]() for _ in range(2))
@@ -173,13 +175,17 @@ class Driver:
         self._touched |= bool(touched)
 
     def goal(self, x: float, y: float, theta: float | None = None) -> None:
-        """Set the goal, map frame [m, m, rad].
+        """Set the goal, map frame [m, m, rad]. Without a heading, the goal is reached with any.
 
         Raises:
-            ValueError: the task has no goal, or asks for a heading, or a number is not finite.
+            ValueError: the task has no goal, or asks for a heading, or a number is not finite; or a heading is given to
+                a learned policy, and the driver has no argument `heading_tolerance`.
         """
         if self.env.task.goal is None:
             raise ValueError(f"task {type(self.env.task).__name__} has no goal")
+        if theta is not None and not self.takes_headings:
+            name = type(self._policy).__name__
+            raise ValueError(f"{name} is not known to turn to headings: set a goal x, y, or a heading_tolerance")
         self.env.task.set_goal((x, y) if theta is None else (x, y, theta))
 
     def initial_pose(self, x: float, y: float, theta: float) -> None:
@@ -326,6 +332,6 @@ class Driver:
                 return "no goal yet"
             pose, goal = self.belief.pose, task.goal
             turn = abs(wrap_angle(pose.theta - goal.theta))
-            if math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= (task.heading_tolerance or math.pi):
+            if math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= task.heading_tolerance:
                 return "reached"
         return ""

@@ -82,6 +82,7 @@ class WithGoal(OnRobot):
     has_goal = False
     """Whether a goal has been set; before, it is the origin of the map frame."""
     _read_goal: Any
+    _tolerance: Any
     _goals: np.ndarray | None = None
 
     def reset(
@@ -94,7 +95,8 @@ class WithGoal(OnRobot):
         return super().reset(simulator, robots, rng, options)
 
     def set_goal(self, goal: Sequence[float]) -> float:
-        self.goal, self.has_goal = self._read_goal(goal), True
+        self.goal, self.heading_tolerance = self._read_goal(goal), self._tolerance(len(goal) > 2)
+        self.has_goal = True
         if self._goals is not None:
             self._goals[0] = self.goal[:2]
         return math.inf

@@ -213,7 +213,7 @@ class Task(ABC):
     goal: Any = None
     """Goal pose, map frame; None for tasks without a goal."""
     heading_tolerance: float | None = None
-    """Heading tolerance of the goal [rad]; None for goals without a heading."""
+    """Heading tolerance of the current goal [rad], pi for any heading; None for tasks without a goal."""
     route: Any = None
     """Route to follow, `lidarnaut.envs.tasks.route.Route`; None for tasks without a route."""
     return_home: bool = False

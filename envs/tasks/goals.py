@@ -19,6 +19,9 @@ from lidarnaut.envs.worlds.world import kept_with_world
 
 from .starts import WorldTask
 
+HEADING_TOLERANCE = 0.25
+"""Default heading tolerance of a goal given with a heading, as Nav2's `yaw_goal_tolerance` [rad]."""
+
 
 @dataclass(kw_only=True, eq=False)
 class GoalTask(WorldTask):
@@ -33,28 +36,37 @@ class GoalTask(WorldTask):
     current goal."""
     goal_tolerance: float = 0.3
     """Maximum distance from a goal that counts as reached [m]."""
+    heading_tolerance: float | None = None
+    """Maximum heading difference that counts as reached [rad]; None for `HEADING_TOLERANCE` if the goal is given with a
+    heading, and pi otherwise. During an episode, the tolerance of the current goal."""
     min_distance: float = 1.0
     """Minimum distance from the start to a random goal [m]."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         check_positive(goal_tolerance=self.goal_tolerance, min_distance=self.min_distance)
-        self._goal = self._read_goal(self.goal)
+        self._given_tolerance = self.heading_tolerance
+        if self._given_tolerance is not None and not 0 < self._given_tolerance <= math.pi:
+            raise ValueError(f"heading_tolerance must be None or lie in (0, pi], got {self._given_tolerance!r}")
+        self._read_goal(self.goal)
+        self._goal = self.goal
+        self.heading_tolerance = self._tolerance(not isinstance(self.goal, str) and len(self.goal) > 2)
         super().attach(robot, control_period, physics)
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
         (self._one,), self._rows, self._true_pose = robots, simulator.rows, self.starts[0]
-        goal = self._read_goal(options.get("goal", self._goal))
-        if goal == "random":
-            goal = self.map_pose.between(self._draw_goal(rng))
-        elif goal == "world":
+        goal = options.get("goal", self._goal)
+        read = self._read_goal(goal)
+        if read == "random":
+            return self._set_goal(self.map_pose.between(self._draw_goal(rng)))
+        if read == "world":
             goals, spawns = self._world.goals, self._world.spawns
             if not goals:
                 raise ValueError(f"world {self._world.name!r} has no goals; choose goal='random' or (x, y, theta)")
             nearest = min(range(len(spawns)), key=lambda k: math.dist(spawns[k][:2], self._true_pose[:2]))
-            goal = self.map_pose.between(goals[nearest])
-        return self.set_goal(goal)  # type: ignore[arg-type]
+            return self._set_goal(self.map_pose.between(goals[nearest]))
+        return self.set_goal(goal)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
         """Return the goal that planners get at the estimated `pose`, map frame."""
@@ -65,10 +77,14 @@ class GoalTask(WorldTask):
         if isinstance(goal, str):
             raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
         read: Any = self._read_goal(goal)
-        true_goal = self.map_pose.compose(read)
+        return self._set_goal(read, has_heading=len(goal) > 2)
+
+    def _set_goal(self, goal: Pose2D, *, has_heading: bool = False) -> float:
+        true_goal = self.map_pose.compose(goal)
         if not self.area.is_traversable(true_goal):
             raise ValueError(f"goal {tuple(goal)} (map frame) is not reachable by the robot")
-        self.goal, self._true_goal = read, true_goal
+        self.heading_tolerance = self._tolerance(has_heading)
+        self.goal, self._true_goal = goal, true_goal
         return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
 
     def _draw_goal(self, rng: np.random.Generator) -> Pose2D:
@@ -77,13 +93,17 @@ class GoalTask(WorldTask):
     def _read_goal(self, goal: Any) -> str | Pose2D:
         if isinstance(goal, str) and goal in ("random", "world"):
             return goal
-        needs_heading = self.heading_tolerance is not None and self.heading_tolerance < math.pi
+        needs_heading = self._given_tolerance is not None and self._given_tolerance < math.pi
         if is_pose(goal, 2) and not needs_heading:
             return Pose2D(float(goal[0]), float(goal[1]), 0.0)
         if not is_pose(goal):
             allowed = "(x, y, theta), as heading_tolerance asks for a heading," if needs_heading else "(x, y[, theta]),"
             raise ValueError(f"goal must be 'random', 'world' or {allowed} all finite, got {goal!r}")
         return Pose2D(*map(float, goal))
+
+    def _tolerance(self, has_heading: bool) -> float:
+        default = HEADING_TOLERANCE if has_heading else math.pi
+        return default if self._given_tolerance is None else self._given_tolerance
 
     @abstractmethod
     def _measure_path(self) -> float:

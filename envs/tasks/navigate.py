@@ -126,10 +126,10 @@ class Navigate(KnownMapTask, GoalTask):
 
     ## Starting State
     The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
-    away; other goals are in the map frame, and need no theta if `heading_tolerance` is pi. With `initial_pose="known"`
-    the localizer knows the start with standard deviations of 0.1 m and 5 degrees; `"unknown"` means global
-    localization. A pose (x, y, theta), map frame, is given to the localizer as in RViz's 2D Pose Estimate, with the
-    standard deviations of `amcl` (0.5 m and 15 degrees), and may be wrong.
+    away; other goals are (x, y) or (x, y, theta) in the map frame. With `initial_pose="known"` the localizer knows the
+    start with standard deviations of 0.1 m and 5 degrees; `"unknown"` means global localization. A pose (x, y, theta),
+    map frame, is given to the localizer as in RViz's 2D Pose Estimate, with the standard deviations of `amcl` (0.5 m
+    and 15 degrees), and may be wrong.
     `reset(options={"goal": (x, y, theta), "initial_pose": ..., "world": ..., "start": ...})` sets one episode,
     `set_goal` a new goal and `set_initial_pose` a new pose estimate without a reset.
 
@@ -159,7 +159,7 @@ class Navigate(KnownMapTask, GoalTask):
     | `goal` | `"random"` | see Starting State; `"world"` for the world's goal of the nearest spawn |
     | `min_distance` | `1.0` | minimum distance from the start to a random goal [m] |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
-    | `heading_tolerance` | `pi` | heading difference that counts as reached [rad]; `pursuit`, `dwb` and `mppi` turn to the goal's heading below pi |
+    | `heading_tolerance` | `None` | heading difference that counts as reached [rad]; `None` for 0.25 if a goal (x, y, theta) is given, otherwise pi: any heading |
     | `map_resolution` | `0.05` | size of a cell of the perfect map [m] |
 
     ## Version History
@@ -168,13 +168,6 @@ class Navigate(KnownMapTask, GoalTask):
 
     reset_options = ("goal", "initial_pose")
     weights = {"progress": 1.0, "time": -0.02, "collision": -0.5, "reached": 10.0}
-
-    heading_tolerance: float = math.pi
-
-    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        if not 0 < self.heading_tolerance <= math.pi:
-            raise ValueError(f"heading_tolerance must lie in (0, pi], got {self.heading_tolerance!r}")
-        super().attach(robot, control_period, physics)
 
     def default_observations(self) -> Sequence[str]:
         return [name for name in super().default_observations() if name != "carrot"]
@@ -214,5 +207,5 @@ class Navigate(KnownMapTask, GoalTask):
 
     def _is_at_goal(self) -> bool:
         to_goal = self._true_pose.between(self._true_goal)
-        near, aligned = self.goal_tolerance, self.heading_tolerance
+        near, aligned = self.goal_tolerance, self.heading_tolerance or math.pi
         return distance(to_goal.x, to_goal.y) <= near and abs(to_goal.theta) <= aligned

@@ -92,7 +92,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     without a reset.
 
     ## Episode End
-    1. Termination: the robot's true base is within `goal_tolerance` of the goal.
+    1. Termination: the robot's true base is within `goal_tolerance` and `heading_tolerance` of the goal.
     2. Termination: the robot touches anything, unless `contact="costs"`.
     3. Truncation: `time_limit` seconds have passed.
 
@@ -115,6 +115,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     | `goal` | `"random"` | see Starting State |
     | `goal_given` | `"pose"` | `"pose"`, or `"bearing"` without distance; then `pursuit`, `dwb`, `mppi` and the planned `carrot` aim at a point 2 m away in its direction, updated after 0.5 m |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
+    | `heading_tolerance` | `None` | as in `Navigate`; the part `goal` does not show the heading |
     | `min_distance` | `1.0` | minimum distance from the start to a random goal [m] |
     | `contact` | `"ends"` | whether contact `"ends"` the episode or `"costs"` |
 
@@ -136,6 +137,12 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         if self.contact not in ("ends", "costs"):
             raise ValueError(f"contact must be 'ends' or 'costs', got {self.contact!r}")
         super().attach(robot, control_period, physics)
+
+    def _tolerance(self, has_heading: bool) -> float:
+        tolerance = super()._tolerance(has_heading)
+        if self.goal_given == "bearing" and tolerance < math.pi:
+            raise ValueError("goal_given='bearing' does not give headings: set the goal (x, y), without a tolerance")
+        return tolerance
 
     def make_estimator(self) -> Estimator:
         is_reckoned = isinstance(self.slam, str) and self.slam in ("odometry", "truth")
@@ -177,6 +184,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         self.arrays, grid = (geodesic.lengths,), geodesic.grid
         own[: own_at.TOLERANCE] = *self.goal[:2], *self._true_goal[:2]
         own[own_at.TOLERANCE], own[own_at.ENDS] = self.goal_tolerance, self.contact == "ends"
+        own[own_at.TRUE_THETA], own[own_at.TURN] = self._true_goal.theta, self.heading_tolerance
         own[own_at.FIELD_X : own_at.LENGTH] = *grid.origin, grid.resolution
         measure_goal(row, own, self.arrays[0])
         own[own_at.LENGTH], own[own_at.END], own[own_at.SHARE] = own[own_at.LEFT], 0.0, own[own_at.SUCCESS]

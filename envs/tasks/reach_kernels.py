@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from lidarnaut.envs.geometry.clearance import clearance
-from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.geometry.pose import distance, wrap_angle
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.contact import select_near
 from lidarnaut.envs.transition import BY_ROBOT
@@ -23,7 +23,9 @@ END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
 fraction of the initial geodesic distance."""
 MOVED_AT, JERK = range(20, 22)
 """Indices in the task's state array: time of first motion [s], summed absolute jerk [m/s3]."""
-SIZE = 22
+TRUE_THETA, TURN = range(22, 24)
+"""Indices in the task's state array: heading of the goal in the world frame, and its tolerance [rad]."""
+SIZE = 24
 END_REASONS = (None, "reached", "wall", "person")
 AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
 NEAR_PERSON = 0.5
@@ -52,7 +54,8 @@ def measure_goal(row, own, lengths):
             best = min(best, float(lengths[i, j]) + straight)
     if best < np.inf:
         own[LEFT] = best
-    own[SUCCESS] = own[DISTANCE] <= own[TOLERANCE]
+    turn = abs(wrap_angle(row[at.THETA] - own[TRUE_THETA]))
+    own[SUCCESS] = own[DISTANCE] <= own[TOLERANCE] and turn <= own[TURN]
     own[SHARE] = 1.0 if own[SUCCESS] > 0.0 else max(0.0, 1.0 - own[LEFT] / max(own[LENGTH], 1e-9))
 
 

@@ -9,7 +9,7 @@ from numba import njit
 from scipy import ndimage
 
 from lidarnaut.envs.arguments import is_number
-from lidarnaut.envs.geometry.clearance import segment_offset
+from lidarnaut.envs.geometry.clearance import clearance, segment_offset
 from lidarnaut.envs.measures import SWEEP
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
@@ -75,7 +75,8 @@ class Sweep(KnownMapTask):
     2. Truncation: `time_limit` seconds have passed.
 
     A cell is swept if its centre is within the robot's radius of the true path. The floor consists of the cells that
-    the body can cover with a clearance of half a cell. Collisions do not end the episode.
+    the body can cover with a clearance of half a cell to obstacles and to the cells that contain them. Collisions do
+    not end the episode.
 
     ## Information
     Each step: `swept_fraction`, `swept_area` [m2], `is_lost`, `pose_error` (position [m], heading [rad]), `path_length`
@@ -109,9 +110,12 @@ class Sweep(KnownMapTask):
     ) -> float:
         walls, radius, (self._one,), self._pose = self.area.walls, self.robot.radius, robots, self.starts[0]
         self._raster = Frame(*map(float, (*walls.origin, walls.resolution)))
-        # Half a cell of clearance, as in planning: obstacles lie anywhere in their cells.
+        # Half a cell of clearance, as in planning. Obstacles lie anywhere in their cells.
         distances, reached = partial(ndimage.distance_transform_edt, sampling=walls.resolution), self.area.traversable
-        roomy = reached & (distances(walls.data == 0) > radius + 0.5 * walls.resolution + 1e-9)
+        to_walls, least = distances(walls.data == 0), radius + 0.5 * walls.resolution
+        roomy = reached & (to_walls > least + 1e-9)
+        near, obstacles = roomy & (to_walls < least + walls.resolution), (self._world.segments, self._world.circles)
+        roomy[near] = [clearance(x, y, *obstacles) >= least - 1e-9 for x, y in walls.centers(np.argwhere(near))]
         self.unswept = distances(~(roomy if roomy.any() else reached)) <= radius
         """True floor cells to sweep, shape of the raster, bool."""
         self.floor_area, self.swept_area = float(self.unswept.sum()) * walls.resolution**2, 0.0

@@ -57,7 +57,7 @@ def drive_through_rosbridge(policy, people, seed, speed):
         robot, goal, rng = server.robot, None, np.random.default_rng([seed, 1])
         while policy not in EXPLORERS and (goal is None or math.hypot(goal.x, goal.y) < MIN_DISTANCE):
             goal = robot.start.between(robot.area.draw_pose(rng))
-        options = drive.Options(url=broker.url, use_sim_time=True, policy=policy, goal=goal and tuple(goal))
+        options = drive.Options(url=broker.url, use_sim_time=True, policy=policy, goal=goal and goal[:2])
         session = held.enter_context(contextlib.closing(Session(options, bridges[1], robot)))
         simulation = threading.Thread(target=server.run, args=(session.is_over,), daemon=True)
         simulation.start()

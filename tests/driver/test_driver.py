@@ -17,6 +17,7 @@ from lidarnaut.driver import Driver
 from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.logs.trajectory import compose_poses, odometry_scales
+from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import records
 from lidarnaut.envs.worlds import load_world
@@ -69,7 +70,7 @@ def compare(make, arguments, motion):
         kept["map"] = env.priors[0].map
     driver = Driver(own, env.robot, motion=motion, seed=3, **kept)
     if env.task.goal is not None:
-        driver.goal(*env.task.goal)
+        driver.goal(*env.task.goal[: 3 if "heading_tolerance" in kept else 2])
     commands = []
     for _ in range(STEPS):
         reading = env.reading
@@ -295,6 +296,30 @@ def test_goals_are_reached_one_after_the_other():
         assert driver.reason == "reached"
         assert math.dist(driver.belief.pose[:2], goal) < 0.35
     assert messages.contacts == 0
+
+
+@pytest.mark.parametrize("planner", ["rpp", "dwb", "mppi"])
+def test_a_goal_is_reached_with_its_heading(planner):
+    policy = GoalNavigator(GoalParams(local_planner=planner))
+    driver = Driver(policy, BURGER, id="lidarnaut/ReachGoal-v0", slam="hector")
+    messages = loop_with(driver)
+    messages.run(1.0)
+    for heading in (2.5, -2.0):
+        driver.goal(0.6, 0.0, heading)
+        assert messages.run(30.0, lambda: driver.reason == "reached")
+        assert abs(wrap_angle(messages.robot.start.between(messages.robot.pose).theta - heading)) < 0.3
+
+
+def test_learned_policies_take_no_headings_unless_a_tolerance_is_given():
+    policy, reach = make_policy(lambda observation: np.zeros(2, dtype=np.float32)), {"id": "lidarnaut/ReachGoal-v0"}
+    with pytest.raises(ValueError, match="is not known to turn to headings: set a goal x, y, or a heading_tolerance"):
+        Driver(policy, BURGER, **reach).goal(1.0, 0.0, 0.0)
+    driver = Driver(policy, BURGER, **reach)
+    driver.goal(1.0, 0.0)
+    assert driver.env.task.heading_tolerance == math.pi
+    driver = Driver(policy, BURGER, **reach, heading_tolerance=0.5)
+    driver.goal(1.0, 0.0, 2.0)
+    assert driver.env.task.heading_tolerance == 0.5
 
 
 def test_task_observations_and_rate_are_those_of_the_training_of_a_policy():

@@ -317,6 +317,22 @@ def test_damaged_messages_are_dropped(from_messages):
     assert error_of(SimpleNamespace(robot=robot), session) < 0.1
 
 
+@pytest.mark.parametrize(("policy", "is_taken"), [("pursuit", True), ("learned:pretrained/reach", False)])
+def test_a_goal_of_rviz_has_a_heading_for_policies_that_turn_to_it(broker, policy, is_taken, caplog):
+    if not is_taken:
+        pytest.importorskip("torch")
+    rotation = SimpleNamespace(x=0.0, y=0.0, z=math.sin(1.0), w=math.cos(1.0))
+    pose = SimpleNamespace(position=SimpleNamespace(x=1.0, y=0.5), orientation=rotation)
+    goal = SimpleNamespace(header=SimpleNamespace(frame_id="map"), pose=pose)
+    with contextlib.closing(Rosbridge(broker.url)) as bridge:
+        session = drive.Session(drive.Options(url=broker.url, policy=policy, goal=(0.0, 0.0)), bridge)
+        session._on_goal(goal)
+        task = session.driver.env.task
+        assert tuple(task.goal) == pytest.approx((1.0, 0.5, 2.0 if is_taken else 0.0))
+        assert task.heading_tolerance == (0.25 if is_taken else math.pi)
+        assert ("that of the goal is ignored" in caplog.text) != is_taken
+
+
 def test_messages_become_json_of_both_versions_of_ros():
     scan = messages.laser_scan(1.5, np.array([1.0, np.inf, np.nan], np.float32), SimulatedRobot().robot.lidar, 0.1)
     data = to_json(scan)

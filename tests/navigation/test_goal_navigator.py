@@ -97,6 +97,16 @@ def test_the_heading_of_the_goal_is_taken(planner):
         assert all(one.v == 0.0 for one in turned if abs(one.w) > 0.5)
 
 
+def test_a_heading_counts_unless_the_tolerance_is_pi():
+    navigator = navigator_to((2.0, 0.0, 2.5))
+    *_, (pose, _) = drive(navigator)
+    assert navigator.end_reason == "arrived"
+    assert abs(pose.theta - 2.5) < 0.15
+    navigator.set_tolerances(0.1, math.pi)
+    navigator.set_goal((2.0, 0.0, 2.5))
+    assert (navigator._heading, navigator._tolerance) == (None, navigator.params.goal_tolerance)
+
+
 def test_a_corridor_hardly_wider_than_the_robot_is_passed_without_contact():
     sides = [[0, y, 2, y] for y in (-0.26, 0.26)]
     doors = [[x, sign * 0.26, x, sign] for x in (0, 2) for sign in (-1, 1)]

@@ -247,7 +247,7 @@ def open_floor():
 
 @pytest.mark.parametrize("name", ["pursuit", "pursuit:fast", "dwb", "mppi"])
 def test_with_the_bearing_alone_controllers_do_not_know_how_far_the_goal_is(open_floor, name):
-    (near, actions), (far, others) = (drive_to(open_floor, name, (r, r, 0.0), 5) for r in (6.0, 12.0))
+    (near, actions), (far, others) = (drive_to(open_floor, name, (r, r), 5) for r in (6.0, 12.0))
     np.testing.assert_array_equal(actions, others)
     np.testing.assert_array_equal(near, far)
     assert np.hypot(*near[0]) == pytest.approx(2.0)
@@ -257,7 +257,7 @@ def test_with_the_bearing_alone_controllers_do_not_know_how_far_the_goal_is(open
 def test_with_the_bearing_alone_the_planned_carrot_does_not_know_it_either(open_floor):
     seen = []
     for r in (3.0, 12.0):
-        open_floor.reset(seed=0, options={"goal": (r, r, 0.0)})
+        open_floor.reset(seed=0, options={"goal": (r, r)})
         seen.append([open_floor.step(TURNING)[0]["carrot"] for _ in range(5)])
     first = np.array(seen)[:, 0]
     np.testing.assert_allclose(first[0], first[1], atol=0.05)  # the bearings differ once the robot has turned

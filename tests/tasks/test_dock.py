@@ -7,9 +7,11 @@ import pytest
 
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.navigation import DockNavigator
+from lidarnaut.envs.navigation.goals import docking
 from lidarnaut.envs.navigation.goals.docking import DOCK_GAP, find_front
 from lidarnaut.envs.tasks.dock import Dock, with_stations
-from lidarnaut.envs.worlds import load_world
+from lidarnaut.envs.worlds import FixedRoute, load_world, rasterize
 from tests.rollouts import play
 from tests.rooms import make_room
 
@@ -111,6 +113,80 @@ def test_an_empty_battery_ends_the_episode():
     assert power == pytest.approx(battery.idle_power + 0.39 * battery.energy_per_metre, rel=0.05)
 
 
+STATION = {"start": (4.2, 2.5, 0.0), "physics": "kinematic", "robot": "create3"}
+
+
+def square(x, y, half=0.1):
+    """Return the sides of a bag."""
+    corners = [(x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half)]
+    return [(*a, *b) for a, b in zip(corners, corners[1:] + corners[:1])]
+
+
+def lot(segments=(), people=(), x=5.9):
+    """Return a room with a dock at (x, 2.5), and a map of it without the further segments and people."""
+    empty = replace(make_room(0.0, 0.0, 6.0, 5.0, spawn=Pose2D(1.0, 1.0, 0.0)), docks=(Pose2D(x, 2.5, 0.0),))
+    world = replace(empty, segments=np.vstack([empty.segments, *segments]), people=tuple(people))
+    return {"world": world, "map": rasterize(with_stations(empty), 0.05)}
+
+
+@pytest.mark.parametrize(
+    ("physics", "bag"), [("kinematic", (5.2, 2.6)), ("kinematic", (5.1, 2.36)), ("bullet", (5.2, 2.5))]
+)
+def test_an_unmapped_bag_before_the_station_is_not_touched(bag, physics, monkeypatch):
+    monkeypatch.setattr(docking, "BLOCKED_TIME", 4.0)
+    env = LidarEnv(Dock, **STATION | {"physics": physics}, **lot([square(*bag)]))
+    episode = play(env, "dock")
+    assert (episode.end_reason, episode.collisions) == ("blocked", 0)
+    assert 4.0 * 4.0 < episode.duration < episode.time_limit
+
+
+@pytest.mark.parametrize("bag", [(4.73, 2.5), (5.4, 2.2)])
+def test_a_bag_at_the_staging_pose_or_beside_the_path_leaves_another_way(bag):
+    episode = play(LidarEnv(Dock, **STATION | {"start": (3.0, 1.0, 0.0)}, **lot([square(*bag)])), "dock")
+    assert (episode.end_reason, episode.collisions) == ("docked", 0)
+
+
+def test_the_walls_of_a_niche_are_no_obstacles():
+    sides = [[(4.6, y, 6.0, y)] for y in (2.29, 2.71)]
+    env = LidarEnv(Dock, **STATION, **lot(sides))
+    episode = play(env, "dock")
+    assert (episode.end_reason, episode.collisions) == ("docked", 0)
+    assert episode.duration < 20.0
+
+
+def test_the_robot_waits_for_a_person_who_walks_through():
+    person = FixedRoute(0.25, np.array([(5.2, 2.1), (5.2, 4.5), (0.5, 4.5)]), 0.1)
+    durations = []
+    for people in ((), (person,)):
+        episode = play(LidarEnv(Dock, **STATION, **lot(people=people)), "dock")
+        assert (episode.end_reason, episode.collisions) == ("docked", 0)
+        durations.append(episode.duration)
+    assert durations[1] > durations[0] + 3.0
+
+
+def test_a_robot_that_backs_off_stops_before_a_bag_behind_it(monkeypatch):
+    monkeypatch.setattr(Dock, "_is_at_goal", lambda task: False)
+    env = LidarEnv(Dock, **STATION | {"start": (5.2, 2.5, 0.0)}, **lot([square(4.78, 2.5)]))
+    episode = play(env, "dock")
+    assert (episode.end_reason, episode.collisions) == ("not_charging", 0)
+
+
+def test_a_contact_while_backing_off_is_remembered_behind_the_robot():
+    env = LidarEnv(Dock, **STATION, **lot())
+    env.reset(seed=0)
+    navigator = DockNavigator()
+    navigator.reset(env.robot, env.control_period, np.random.default_rng(0))
+    navigator.set_goal(env.task.goal)
+    navigator.act(env.reading, env.belief)
+    navigator._to_dock, navigator._is_backing = Pose2D(0.2, 0.0, 0.0), True
+    assert navigator.act(env.reading, env.belief).v < 0.0
+    assert navigator.act(env.reading._replace(bumper=True), env.belief) == (0.0, 0.0)
+    assert navigator._navigator.record["forward"] == 0
+    touched = navigator._navigator.obstacles[: navigator._navigator.record["num_remembered"]]
+    assert len(touched) == 5
+    assert (touched[:, 0] < 0.0).all()
+
+
 def test_the_policy_gives_up_without_a_charging_current(monkeypatch):
     env = LidarEnv(Dock, **DOCKED | {"start": (13.0, -10.6, 0.0)})
     monkeypatch.setattr(Dock, "_is_at_goal", lambda task: False)
@@ -130,6 +206,33 @@ def test_the_front_of_a_station_is_found_among_other_points(pose):
     assert find_front(points, pose.compose(Pose2D(0.0, -0.5, 0.0))) is None
     assert find_front(wall, pose) is None  # too wide
     assert find_front(np.empty((0, 2)), pose) is None
+
+
+def wall_with_station(depth, noise, rng, distance=0.9):
+    """Return the points of a scan, one per degree, of a wall with a station 0.3 m wide that stands out by `depth`."""
+    bearings = np.radians(np.arange(-80.0, 80.0))
+    front, wall = distance / np.cos(bearings), (distance + depth) / np.cos(bearings)
+    ranges = np.where(np.abs(front * np.sin(bearings)) < 0.15, front, wall) + noise * rng.standard_normal(160)
+    return (ranges * np.array([np.cos(bearings), np.sin(bearings)])).T
+
+
+@pytest.mark.parametrize(
+    ("depth", "noise"), [(0.03, 0.01), (0.04, 0.01), (0.06, 0.01), (0.1, 0.01), (0.06, 0.03), (0.1, 0.03), (0.15, 0.03)]
+)
+def test_a_station_stands_out_from_a_wall_by_little_more_than_the_noise(depth, noise):
+    rng, expected, offsets = np.random.default_rng(1), Pose2D(0.85, 0.05, 0.05), []
+    for _ in range(20):
+        found = find_front(wall_with_station(depth, noise, rng), expected)
+        offsets += [] if found is None else [found[0][:2]]
+        assert find_front(wall_with_station(0.0, noise, rng), expected) is None
+    assert len(offsets) >= 15
+    assert np.median(offsets, axis=0) == pytest.approx([0.9, 0.0], abs=0.01)
+
+
+@pytest.mark.parametrize(("robot", "depth"), [("create3", 0.02), ("create3", 0.05), ("raspimouse", 0.06)])
+def test_the_policy_docks_at_stations_that_hardly_stand_out(robot, depth):
+    episode = play(LidarEnv(Dock, **STATION | {"robot": robot}, **lot(x=6.0 - depth)), "dock")
+    assert (episode.end_reason, episode.collisions) == ("docked", 0)
 
 
 def test_stations_are_solid_and_need_docks():

@@ -7,11 +7,12 @@ import pytest
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from lidarnaut.envs.navigation import GoalNavigator
 from lidarnaut.envs.rendering import style
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.worlds import World, save_map
 from tests.rollouts import play, rollout
 
@@ -33,7 +34,10 @@ def test_the_goal_is_observed_from_the_estimated_pose():
 
 def test_goals_need_a_heading_only_if_one_is_asked_for_and_change_without_a_reset():
     settings = {**TRUE, "start": (-2.0, -0.5, 0.0), "goal": (-2.0, -0.45, 2.0)}
-    env, asks = LidarEnv(Navigate, **settings), LidarEnv(Navigate, **settings, heading_tolerance=0.3)
+    env, asks = (
+        LidarEnv(Navigate, **settings | {"goal": (-2.0, -0.45)}),
+        LidarEnv(Navigate, **settings, heading_tolerance=0.3),
+    )
     assert env.reset(seed=0)[1]["is_success"]
     assert not asks.reset(seed=0)[1]["is_success"]
     assert env.reset(seed=0, options={"goal": (-2.0, 0.5)})[1]["distance_to_goal"] == pytest.approx(1.0)
@@ -46,13 +50,49 @@ def test_goals_need_a_heading_only_if_one_is_asked_for_and_change_without_a_rese
         asks.reset(seed=0, options={"goal": (-0.5, -0.5)})
 
 
+def from_start(task, x, y, *heading):
+    """Return a goal relative to the start, in the map frame, and the arguments of the task with exact poses."""
+    if task is ReachGoal:
+        return (x, y, *heading), {**QUICK, "slam": "truth", "start": (-2.0, -0.5, 0.0)}
+    return (x - 2.0, y - 0.5, *heading), {**TRUE, "start": (-2.0, -0.5, 0.0)}
+
+
+@pytest.mark.parametrize("task", [Navigate, ReachGoal])
+@pytest.mark.parametrize(
+    ("heading", "tolerance", "is_reached"),
+    [
+        ((), None, True),
+        ((0.24,), None, True),
+        ((0.26,), None, False),
+        ((2.0 * math.pi - 0.24,), None, True),
+        ((3.0,), math.pi, True),  # a given tolerance has precedence
+        ((0.24,), 0.1, False),
+    ],
+)
+def test_a_heading_that_is_given_is_part_of_the_goal(task, heading, tolerance, is_reached):
+    goal, arguments = from_start(task, 0.0, 0.05, *heading)
+    env = LidarEnv(task, **arguments, heading_tolerance=tolerance)
+    env.reset(seed=0, options={"goal": goal})
+    *_, is_over, _, info = env.step(STOP)
+    assert (is_over, info["is_success"], info["progress"] == 1.0) == (is_reached,) * 3
+    if tolerance is None:  # drawn goals ask for no heading
+        env.reset(seed=0)
+        assert env.task.heading_tolerance == math.pi
+        env.set_goal(goal)
+        assert env.step(STOP)[2] == is_reached
+
+
+@pytest.mark.parametrize("task", [Navigate, ReachGoal])
 @pytest.mark.parametrize("policy", ["pursuit", "dwb", "mppi"])
-def test_classic_policies_take_the_heading_of_the_goal(policy):
-    settings = {"start": (-2.0, -0.5, 0.0), "goal": (-1.2, -0.5, 2.5), "goal_tolerance": 0.1, "heading_tolerance": 0.1}
-    env = LidarEnv(Navigate, **TRUE, **settings)
+@pytest.mark.parametrize("arguments", [{}, {"goal_tolerance": 0.1, "heading_tolerance": 0.1}])
+def test_classic_policies_take_the_heading_of_the_goal(task, policy, arguments):
+    goal, settings = from_start(task, 0.8, 0.0, 2.5)
+    env = LidarEnv(task, **settings, **arguments, goal=goal)
     episode = play(env, policy)
     assert (episode.end_reason, episode.collisions) == ("reached", 0)
     assert episode.duration < 12.0
+    turn = wrap_angle(env.simulator.states[0].pose.theta - 2.5)
+    assert abs(turn) <= arguments.get("heading_tolerance", 0.25)
 
 
 def test_policies_that_take_no_tolerances_still_get_the_goal():

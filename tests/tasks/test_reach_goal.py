@@ -28,10 +28,16 @@ def drive(env, action, steps):
 
 @pytest.mark.parametrize(("given", "seen"), [("pose", [0.15, 0.0, -1.0, 0.4]), ("bearing", [0.0, -1.0])])
 def test_the_goal_is_told_in_the_frame_of_the_pose_estimate(given, seen):
-    ends = {"start": (-2.0, -0.5, math.pi / 2), "goal": (0.0, -1.5, 0.0)}
+    ends = {"start": (-2.0, -0.5, math.pi / 2), "goal": (0.0, -1.5)}
     observation, info = LidarEnv(ReachGoal, **QUICK, **ends, goal_given=given).reset(seed=0)
     assert info["distance_to_goal"] == pytest.approx(1.5)
     np.testing.assert_allclose(observation["goal"], seen, atol=1e-6)
+
+
+def test_a_goal_given_by_its_bearing_has_no_heading():
+    for arguments in ({"goal": (0.0, -1.5, 0.0)}, {"heading_tolerance": 0.3}):
+        with pytest.raises(ValueError, match="goal_given='bearing' does not give headings"):
+            LidarEnv(ReachGoal, **QUICK, goal_given="bearing", **arguments)
 
 
 def test_the_pose_comes_from_odometry_or_truth_without_a_map_or_from_a_slam_with_one():

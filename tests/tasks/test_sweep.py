@@ -16,6 +16,8 @@ from tests.rooms import make_room
 
 AHEAD = np.array([1.0, 0.0], dtype=np.float32)
 ROOM = make_room(0.0, 0.0, 3.02, 3.02, spawn=Pose2D(0.5, 0.5, 0.0))
+SMALL = make_room(0.0, 0.0, 1.0, 1.0, spawn=Pose2D(0.5, 0.5, 0.0))
+CORRIDOR = make_room(0.0, 0.0, 3.0, 0.6, spawn=Pose2D(0.5, 0.3, 0.0))
 SETTINGS = {"world": ROOM, "robot": "turtlebot3_burger", "physics": "kinematic", "localizer": "truth", "start": "spawn"}
 
 
@@ -90,7 +92,43 @@ def test_cells_at_walls_that_the_body_cannot_reach_are_no_floor():
     floor = np.argwhere(env.task.unswept)
     away = np.sqrt(((floor[:, None] - stands) ** 2).sum(axis=2)).min(axis=1) * side
     assert away.max() <= env.robot.radius
-    assert env.task.floor_area == pytest.approx(1.96, abs=0.01)
+    assert env.task.floor_area == pytest.approx(1.94, abs=0.01)
+
+
+@pytest.mark.parametrize("world", [SMALL, CORRIDOR, make_room(0.0, 0.0, 0.6, 0.6, spawn=Pose2D(0.3, 0.3, 0.0))])
+def test_the_body_reaches_all_floor_with_half_a_cell_of_clearance_to_the_true_walls(world):
+    env = LidarEnv(Sweep, **SETTINGS | {"world": world, "robot": "create3"})
+    env.reset(seed=0)
+    walls, radius, floor = env.task.area.walls, env.robot.radius, env.task.unswept.copy()
+    least = radius + 0.5 * walls.resolution - 1e-6
+    x0, y0, x1, y1 = world.bounds
+    for x, y in walls.centers(np.argwhere(env.task.area.traversable)):
+        if min(x - x0, x1 - x, y - y0, y1 - y) >= least:
+            sweep(floor, Frame(*walls.origin, walls.resolution), np.array([[x, y, x, y]]), radius)
+    assert env.task.unswept.any()
+    assert not floor.any()
+
+
+@pytest.mark.parametrize(("world", "name"), [(SMALL, "spiral"), (CORRIDOR, "boustrophedon")])
+def test_small_rooms_and_narrow_corridors_are_swept(world, name):
+    env = LidarEnv(Sweep, world=world, robot="create3", physics="kinematic", start="spawn")
+    episode = play(env, name)
+    assert (episode.end_reason, episode.collisions) == ("swept", 0)
+    assert episode.duration < 80.0
+
+
+def test_a_robot_that_covers_a_tiny_cell_ends_at_once():
+    cell = make_room(0.0, 0.0, 0.45, 0.45, spawn=Pose2D(0.225, 0.225, 0.0))
+    episode = play(LidarEnv(Sweep, **SETTINGS | {"world": cell, "robot": "create3"}), "spiral")
+    assert (episode.end_reason, round(episode.duration, 1)) == ("swept", 0.1)
+
+
+def test_a_policy_ends_after_its_last_pass(monkeypatch):
+    monkeypatch.setattr("lidarnaut.baselines.sweep.MAX_PASSES", 2)
+    env = LidarEnv(Sweep, **SETTINGS | {"world": SMALL, "robot": "create3"}, target_swept=1.0)
+    episode = play(env, "boustrophedon")
+    assert (episode.end_reason, episode.collisions) == ("no_floor_left", 0)
+    assert episode.swept_fraction > 0.8
 
 
 def test_a_lost_robot_is_localized_before_the_plan():
@@ -146,6 +184,16 @@ def test_a_pillar_splits_the_floor_into_four_cells():
         assert len({tuple(tour[0]) for tour in patch}) == 4
     left = next(patch[0] for patch in patches if patch[0][:, 1].max() == 23 and patch[0][:, 0].min() == 18)
     assert abs(np.diff(left[:2, 1])).item() == 23  # along the longer axis
+
+
+def test_the_bend_of_a_corridor_splits_the_floor_into_two_cells():
+    free = np.zeros((48, 60), dtype=bool)
+    free[:14] = free[:, :14] = True
+    patches = boustrophedon(free, 6, (0, 0))
+    assert len(patches) == 2
+    # Four lanes along each arm, of 60 and 34 cells.
+    for patch, length in zip(patches, (60, 34), strict=True):
+        assert np.abs(np.diff(patch[0], axis=0)).sum(axis=1)[::2].tolist() == [length - 1] * 4
 
 
 def test_a_spiral_is_a_closed_tour_with_one_visit_per_lane_cell():

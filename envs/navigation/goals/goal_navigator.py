@@ -150,7 +150,7 @@ class GoalNavigator(Explorer):
         self._allow_unknown, self._margin = bool(self.params.allow_unknown), UNKNOWN_MARGIN
         self._time = -math.inf
         self._steps = self._lost_steps = self._blind_steps = 0
-        self._was_localized = self._takes_headings = False
+        self._was_localized, self._takes_headings = False, True
         self._tolerance, self._heading_tolerance = self.params.goal_tolerance, self.params.heading_tolerance
         self._forget_goal()
 
@@ -173,21 +173,18 @@ class GoalNavigator(Explorer):
         return self._planner.remaining if self.is_driving and self._has_path else None
 
     def set_tolerances(self, distance: float, heading: float) -> None:
-        """Set the goal tolerances of a task [m, rad] before `set_goal`; goals then include a heading.
+        """Set the goal tolerances of a task [m, rad] before `set_goal`.
 
-        The robot aims for half of each tolerance, since its pose estimate is inaccurate. A heading tolerance of pi has
-        no effect.
+        The robot aims for half of each tolerance, since its pose estimate is inaccurate. With a heading tolerance of
+        pi, headings of goals are ignored, and the tolerances are those of the parameters.
         """
-        if heading < math.pi:
-            self._takes_headings = True
-            self._tolerance = min(self.params.goal_tolerance, 0.5 * distance)
-            self._heading_tolerance = min(self.params.heading_tolerance, 0.5 * heading)
+        self._takes_headings = heading < math.pi
+        share = 0.5 if self._takes_headings else math.inf
+        self._tolerance = min(self.params.goal_tolerance, share * distance)
+        self._heading_tolerance = min(self.params.heading_tolerance, share * heading)
 
     def set_goal(self, goal: Sequence[float], heading: float | None = None) -> None:
-        """Set a goal (x, y), map frame [m], and optionally the heading at the goal [rad].
-
-        After `set_tolerances`, `goal` may include the heading. ValueError if a value is not finite.
-        """
+        """Set a goal (x, y[, theta]), map frame [m, rad]; `heading` replaces theta. ValueError if not finite."""
         if heading is None and self._takes_headings and len(goal) > 2:
             heading = goal[2]
         if not all(map(math.isfinite, (*goal[:2], heading or 0.0))):
