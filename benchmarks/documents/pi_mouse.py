@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from lidarnaut.baselines import RrtExplorer, RrtParams
 from lidarnaut.baselines.global_localization import Animation, localize_and_drive, map_world
 from lidarnaut.benchmarks.documents.figures import Figure, figures_of
 from lidarnaut.benchmarks.drives.maps import Panel, draw_maps, wrong_cells
@@ -18,6 +19,8 @@ SLAMS = {
     "pimouse_arena": "hector?preset=faithful",
 }
 """SLAM without odometry by world, with the report's distances between map updates."""
+EXPLORER = RrtParams(min_gain=0.05, view_radius=2.0, turn_cost=1.0, period=0.5, pursuit=True)
+"""Explorer `rrt?min_gain=0.05,view_radius=2,turn_cost=1,period=0.5,pursuit=true`."""
 GOALS: dict[str, Any] = {"goal_tolerance": 0.15, "heading_tolerance": 0.17, "min_distance": 0.5}
 
 
@@ -29,7 +32,8 @@ def explore_and_return(world: str, seed: int, out: Path, goals: int, minutes: fl
     slam, place = SLAMS[world], {"world": world, "robot": "raspimouse", "physics": "bullet"}
     out = out / f"{world}_{seed}"
     out.mkdir(exist_ok=True)
-    mapped, explorer, episode = map_world(out, seed, "rrt", slam=slam, **place)
+    explorer: Any = RrtExplorer(EXPLORER)
+    mapped, episode = map_world(out, seed, explorer, slam=slam, **place)
     grid, start, area, animation = mapped.belief.grid, mapped.map_pose, mapped.task.area, Animation()
     watch = (lambda _: None) if seed else animation.take
     localized, ends = localize_and_drive(mapped, out / "map.yaml", seed, goals, watch, **place, **GOALS)
