@@ -52,10 +52,8 @@ def assign(
         Index of the point of each robot, shape (n,), int64, -1 for none.
     """
     chosen = np.full(len(robots), UNASSIGNED, dtype=np.int64)
-    if params.view_radius:
-        gains = visible_gain(grid, points, params.view_radius)
-    else:
-        gains = information_gain(grid, points, params.info_radius)
+    area, radius = (visible_gain, params.view_radius) if params.view_radius else (information_gain, params.info_radius)
+    gains = area(grid, points, radius)
     for point in taken:
         gains = gains - information_gain(grid, points, params.info_radius, shared_with=point)
     gaps = robots[:, None] - points[None]
@@ -104,6 +102,9 @@ class RrtTeam(TeamExplorer):
         for robot in team:
             assert isinstance(robot, RrtRobot)
             robot.points = self._detector.points
+            # Trees may miss the current point for some steps.
+            if math.isfinite(self.period) and robot.driving_to:
+                robot.points = np.vstack([robot.points, robot.driving_to])
 
     def _command(self, robot: TeamRobot, belief: Belief) -> Twist:
         return super()._command(robot, belief) if self._params.pursuit else robot.command(belief)
