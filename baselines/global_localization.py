@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from lidarnaut.baselines import EXPLORERS
+from lidarnaut.baselines import EXPLORERS, Explorer
 from lidarnaut.baselines.episode import Episode, Info, begin_episode, decide_with, run, run_episode
 from lidarnaut.envs.command_line import Count, make_console, run_command
 from lidarnaut.envs.core import LidarEnv
@@ -62,16 +62,16 @@ class Animation:
         small.save(path.with_suffix(".png"), optimize=True)
 
 
-def map_world(out: Path, seed: int, explorer: str, **arguments: Any) -> tuple[LidarEnv, Any, Episode]:
+def map_world(out: Path, seed: int, explorer: Explorer, **arguments: Any) -> tuple[LidarEnv, Episode]:
     """Explore a world from its first spawn pose, and save the map as `out`/map.yaml.
 
-    `arguments`: of the environment, such as `world`. Returns the closed environment, the explorer and the episode.
+    `arguments`: of the environment, such as `world`. Returns the closed environment and the episode.
     """
-    env, policy = LidarEnv(Explore, start="spawn", **arguments), resolve(explorer, EXPLORERS, "explorer")()
-    episode = run_episode(env, policy, seed)
+    env = LidarEnv(Explore, start="spawn", **arguments)
+    episode = run_episode(env, explorer, seed)
     save_map(crop_to_known(env.belief.grid, margin=5), out / "map.yaml")
     env.close()
-    return env, policy, episode
+    return env, episode
 
 
 def localize_and_drive(
@@ -127,7 +127,7 @@ def main(
     """
     out.mkdir(parents=True, exist_ok=True)
     place: Any = {"world": world, "robot": robot, "physics": physics}
-    mapped, _, episode = map_world(out, seed, explorer, slam=slam, **place)
+    mapped, episode = map_world(out, seed, resolve(explorer, EXPLORERS, "explorer")(), slam=slam, **place)
     say = partial(make_console().print, highlight=False, markup=False)
     say(f"explored    {100 * episode.explored_fraction:.1f} % of {world}; map in {out / 'map.yaml'}")
     animation = Animation()

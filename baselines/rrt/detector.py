@@ -3,12 +3,13 @@
 The mean shift is about 200 times faster than scikit-learn's `MeanShift`.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
 from numba import njit
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
 from lidarnaut.baselines.rrt.trees import Tree
@@ -53,6 +54,14 @@ class RrtParams:
     """Factor on information gain within `hysteresis_radius` of the robot."""
     patience: PositiveInt = 100
     """Number of control steps without an assignable frontier point after which exploration ends."""
+    view_radius: NonNegativeFloat = 0.0
+    """If positive, the revenue is the unknown area in view within this radius [m], divided by the path cost."""
+    turn_cost: NonNegativeFloat = 0.0
+    """Path length that counts as much as a turn of 1 rad at the start of the path [m/rad]."""
+    period: PositiveFloat = math.inf
+    """Time after which driving robots get a new frontier point [s]; 0.5 in the program of Umari and Mukhopadhyay."""
+    pursuit: bool = False
+    """Whether robots do not slow down in bends, as those of the explorer `pursuit`."""
 
 
 TEAM_PARAMS = RrtParams(eta_global=1.0)

@@ -18,11 +18,14 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import NO_POINTS, Candidates, Markers
 from lidarnaut.envs.navigation.frontiers.frontiers import information_gain
+from lidarnaut.envs.navigation.frontiers.views import visible_gain
 from lidarnaut.envs.navigation.teams.team_navigator import UNASSIGNED
 from lidarnaut.envs.navigation.teams.team_robot import TeamRobot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
+LEAST_COST = 0.3
+"""Constant added to the path cost in the revenue per path cost [m]."""
 TAKEN_RADIUS = 0.4
 """Minimum distance of an assigned frontier point from the frontiers of other robots [m]."""
 
@@ -39,7 +42,8 @@ def assign(
 
     The revenue is R = lambda h(x_fp, x_r) I(x_fp) - N(x_fp), with unknown area I around point x_fp, path cost N, robot
     position x_r, and lambda = `info_multiplier`. h is `hysteresis_gain` within `hysteresis_radius` and 1 beyond.
-    Unknown cells near assigned points do not count again.
+    Unknown cells near assigned points do not count again. With `view_radius`, R = I / (N + `LEAST_COST`), and I is the
+    unknown area in view (González-Baños and Latombe 2002).
 
     `robots`: positions, shape (n, 2). `points`: frontier points, shape (m, 2). `taken`: points of other robots, shape
     (k, 2), all map frame [m]. `costs`: path costs [m], shape (n, m), inf without a path.
@@ -48,7 +52,8 @@ def assign(
         Index of the point of each robot, shape (n,), int64, -1 for none.
     """
     chosen = np.full(len(robots), UNASSIGNED, dtype=np.int64)
-    gains = information_gain(grid, points, params.info_radius)
+    area, radius = (visible_gain, params.view_radius) if params.view_radius else (information_gain, params.info_radius)
+    gains = area(grid, points, radius)
     for point in taken:
         gains = gains - information_gain(grid, points, params.info_radius, shared_with=point)
     gaps = robots[:, None] - points[None]
@@ -57,6 +62,8 @@ def assign(
     open_costs = costs.astype(np.float64)
     for _ in range(min(len(robots), len(points))):
         revenues = factors * gains - open_costs
+        if params.view_radius:
+            revenues = np.where(np.isinf(open_costs), -np.inf, gains / (open_costs + LEAST_COST))
         robot, point = np.unravel_index(np.argmax(revenues), revenues.shape)
         if math.isinf(revenues[robot, point]):
             break
@@ -70,7 +77,7 @@ class RrtTeam(TeamExplorer):
     """Drives a team of robots to frontier points found by random trees."""
 
     def __init__(self, params: RrtParams = TEAM_PARAMS) -> None:
-        super().__init__(period=math.inf)
+        super().__init__(period=params.period)
         self._params = params
         self._detector: RrtDetector | None = None
 
@@ -95,21 +102,29 @@ class RrtTeam(TeamExplorer):
         for robot in team:
             assert isinstance(robot, RrtRobot)
             robot.points = self._detector.points
+            # Trees may miss the current point for some steps.
+            if math.isfinite(self.period) and robot.driving_to:
+                robot.points = np.vstack([robot.points, robot.driving_to])
 
     def _command(self, robot: TeamRobot, belief: Belief) -> Twist:
-        return robot.command(belief)
+        return super()._command(robot, belief) if self._params.pursuit else robot.command(belief)
 
     def _assign(self, due: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> list[int]:
+        assert self._navigator is not None
         columns: dict[tuple[float, float], int] = {}
         goals = [open_goals(robot.candidates) for robot in due]
         for frontiers, _, _ in goals:
             for x, y in frontiers.tolist():
                 columns.setdefault((x, y), len(columns))
         costs = np.full((len(due), len(columns)), np.inf)
-        for row, (frontiers, lengths, _) in enumerate(goals):
-            costs[row, [columns[x, y] for x, y in frontiers.tolist()]] = lengths
+        for row, (frontiers, lengths, indices) in enumerate(goals):
+            turns = self._params.turn_cost * np.abs(due[row].candidates["turn"][indices])
+            costs[row, [columns[x, y] for x, y in frontiers.tolist()]] = lengths + turns
         points = np.array(list(columns)).reshape(-1, 2)
-        taken = np.array([target for target in self.targets if target]).reshape(-1, 2)
+        # During a drive, a robot may keep its point.
+        keeps = due if math.isfinite(self.period) else ()
+        others = [robot.driving_to for robot in self._navigator.team if robot not in keeps]
+        taken = np.array([target for target in others if target]).reshape(-1, 2)
         gaps = points[:, None] - taken
         costs[:, (np.hypot(gaps[..., 0], gaps[..., 1]) <= TAKEN_RADIUS).any(axis=1)] = np.inf
         positions = np.array([beliefs[robot.index].pose[:2] for robot in due]).reshape(-1, 2)

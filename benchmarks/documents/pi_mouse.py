@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from lidarnaut.baselines import RrtExplorer, RrtParams
 from lidarnaut.baselines.global_localization import Animation, localize_and_drive, map_world
 from lidarnaut.benchmarks.documents.figures import Figure, figures_of
 from lidarnaut.benchmarks.drives.maps import Panel, draw_maps, wrong_cells
@@ -18,6 +19,11 @@ SLAMS = {
     "pimouse_arena": "hector?preset=faithful",
 }
 """SLAM without odometry by world, with the report's distances between map updates."""
+EXPLORERS = {
+    "turtlebot3_world": RrtParams(min_gain=0.05, view_radius=2.0, turn_cost=1.0, period=0.2, pursuit=True),
+    "pimouse_arena": RrtParams(),
+}
+"""Parameters of the explorer `rrt` by world."""
 GOALS: dict[str, Any] = {"goal_tolerance": 0.15, "heading_tolerance": 0.17, "min_distance": 0.5}
 
 
@@ -29,13 +35,14 @@ def explore_and_return(world: str, seed: int, out: Path, goals: int, minutes: fl
     slam, place = SLAMS[world], {"world": world, "robot": "raspimouse", "physics": "bullet"}
     out = out / f"{world}_{seed}"
     out.mkdir(exist_ok=True)
-    mapped, explorer, episode = map_world(out, seed, "rrt", slam=slam, **place)
+    explorer: Any = RrtExplorer(EXPLORERS[world])
+    mapped, episode = map_world(out, seed, explorer, slam=slam, **place)
     grid, start, area, animation = mapped.belief.grid, mapped.map_pose, mapped.task.area, Animation()
     watch = (lambda _: None) if seed else animation.take
     localized, ends = localize_and_drive(mapped, out / "map.yaml", seed, goals, watch, **place, **GOALS)
     if seed == 0:
         animation.save(out / "localization.gif")
-        edges = start.transform(explorer._detector.trees[-1].edges.reshape(-1, 2)).reshape(-1, 2, 2)
+        edges: Any = start.transform(explorer._detector.trees[-1].edges.reshape(-1, 2)).reshape(-1, 2, 2)
         edges = np.insert(edges, 2, np.nan, axis=1).reshape(-1, 2)
         wrong, walls, true_path = wrong_cells(grid, start, area.walls), area.walls, mapped.truths[0].trail.positions
         panels = [

@@ -8,7 +8,14 @@ from scipy import ndimage
 
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation.frontiers.frontiers import frontier_mask, information_gain
-from lidarnaut.envs.navigation.frontiers.views import NUM_RAYS, NUM_SECTORS, cast_view, fill_sectors, unknown_share
+from lidarnaut.envs.navigation.frontiers.views import (
+    NUM_RAYS,
+    NUM_SECTORS,
+    cast_view,
+    fill_sectors,
+    unknown_share,
+    visible_gain,
+)
 
 EIGHT = np.ones((3, 3), dtype=bool)
 
@@ -75,3 +82,20 @@ def test_unknown_share_of_a_disc(radius):
     data[51:] = -1
     assert unknown_share(data, 50, 50, radius) == pytest.approx(0.5, abs=0.5 * 2.5 / math.sqrt(math.pi * 100))
     assert unknown_share(data[:51], 50, 50, radius) == unknown_share(data, 50, 50, radius)
+
+
+def test_gain_in_view_counts_unknown_cells_before_obstacles_and_inside_the_observed_bounds():
+    # 4 m x 4 m observed: free, with an unknown strip at x > 3, and a wall that hides a part of it.
+    data = np.full((120, 120), -1, dtype=np.int8)
+    data[20:100, 20:100] = 0
+    data[20:100, 80:99] = -1
+    grid = OccupancyGrid(data, 0.05, (-1.0, -1.0))
+    point = np.array([[2.975, 2.025], [1.025, 2.025]])
+    # Half of the disc of 0.5 m is unknown; the left side has none within reach, though it is near the bounds.
+    np.testing.assert_allclose(visible_gain(grid, point, 0.5), [0.5 * math.pi * 0.25, 0.0], rtol=0.12)
+    assert visible_gain(grid, np.array([[0.1, 2.0]]), 0.5)[0] == 0.0
+    # Unknown area beyond x = 4 m is outside the bounds: the strip of 1 m has 4 m2.
+    assert visible_gain(grid, point, 50.0)[0] == pytest.approx(4.0 * 0.95, rel=0.15)
+    data[20:100, 80] = 100
+    assert visible_gain(grid, point, 50.0).tolist() == [0.0, 0.0]
+    assert visible_gain(grid, np.empty((0, 2)), 1.0).shape == (0,)

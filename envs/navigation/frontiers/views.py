@@ -9,7 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.geometry import OCCUPIED_FROM
+from lidarnaut.envs.geometry import OCCUPIED, OCCUPIED_FROM, OccupancyGrid
+from lidarnaut.envs.geometry.occupancy_grid import crop_to_known
 from lidarnaut.envs.navigation.frontiers.frontiers import is_visible
 
 NUM_RAYS = 48
@@ -54,6 +55,20 @@ def cast_view(occupancy, row, col, reach, free, unknown):
         up += d_row * area
         right += d_col * area
     return round((math.atan2(up, right) % (2.0 * math.pi)) / per_cell) % NUM_RAYS
+
+
+def visible_gain(grid: OccupancyGrid, points: np.ndarray, radius: float) -> np.ndarray:
+    """Return the unknown area in view within `radius` [m] of each point, shape (n,), float64 [m2].
+
+    `points`: shape (n, 2), map frame [m]. Cells outside the bounds of the observed area do not count.
+    """
+    known, free, unknown = crop_to_known(grid, margin=0), np.empty(NUM_RAYS), np.empty(NUM_RAYS)
+    occupancy = np.pad(known.data, 1, constant_values=OCCUPIED)
+    cells, gains = np.clip(known.cells(points), 0, np.array(known.data.shape) - 1), np.zeros(len(points))
+    for k, (row, col) in enumerate(cells.tolist()):
+        cast_view(occupancy, row + 1, col + 1, round(radius / grid.resolution), free, unknown)
+        gains[k] = unknown.sum() * grid.resolution**2
+    return gains
 
 
 @njit(cache=True, error_model="numpy")

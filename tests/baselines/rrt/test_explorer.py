@@ -263,3 +263,60 @@ def test_an_episode_ends_after_patience_without_frontiers_that_can_be_reached(do
     assert explorer.end_reason == "no_reachable_frontier"
     assert (len(explorer.markers.clusters) > 0) == door_closes
     assert explorer.act(reading_of(), belief) == (0.0, 0.0)
+
+
+def with_small_frontiers(*sides):
+    """Room of 8 m x 4 m around (0, 0), with a niche of unknown cells in the `sides` (x, y) [m]."""
+    data = np.full((88, 168), 100, dtype=np.int8)
+    data[4:84, 4:164] = 0
+    grid = OccupancyGrid(data, 0.05, (-4.2, -2.2))
+    for side in sides:
+        row, col = grid.cells(np.array(side))
+        data[row - 4 : row + 5, col - 4 : col + 5] = -1
+    return grid
+
+
+def steered(grid, num_steps, **params):
+    """Commands and targets of an explorer that stays at the origin."""
+    explorer = RrtExplorer(RrtParams(**params))
+    explorer.reset(BURGER, 0.1, np.random.default_rng(0))
+    twists, targets = [], []
+    for _ in range(num_steps):
+        belief = belief_at(0.0, 0.0, grid)
+        twists.append(explorer.act(reading_of(), belief))
+        targets.append(explorer.targets[0])
+    return twists, np.array(targets)
+
+
+def test_a_robot_that_gets_points_again_during_its_drive_keeps_the_best_one():
+    grid = with_small_frontiers((3.0, 0.0), (-3.8, 0.0))
+    for params in ({}, {"period": 0.1}):
+        _, targets = steered(grid, 15, **params)
+        assert (np.hypot(*(targets - (3.0, 0.0)).T) < 0.6).all()
+
+
+def test_a_turn_counts_as_path_length():
+    grid = with_small_frontiers((3.0, 0.0), (-2.6, 0.0))
+    for params, x in (({}, -2.6), ({"turn_cost": 1.0}, 3.0)):
+        _, targets = steered(grid, 15, period=0.1, **params)
+        assert np.hypot(*(targets[-1] - (x, 0.0))) < 0.6
+
+
+def test_with_pursuit_a_robot_does_not_stop_to_turn():
+    grid = with_small_frontiers((1.5, 2.0))
+    speeds = [[twist.v for twist in steered(grid, 5, pursuit=pursuit)[0]] for pursuit in (False, True)]
+    assert max(speeds[0]) == 0.0
+    assert min(speeds[1]) > 0.1 * BURGER.max_v
+
+
+def test_revenue_by_unknown_area_in_view_is_per_path_cost():
+    params = RrtParams(view_radius=1.0)
+    # The islands are in full view: 1 m2 at 4 m, 0.25 m2 at 2 m, and the latter at 6.1 m.
+    robots = np.array([[6.0, 2.0]])
+    costs = distances(robots, ISLANDS)
+    gains = np.array([1.0, 0.25, 0.25]) / (costs[0] + 0.3)
+    assert gains.argmax() == 0
+    assert assign(island_map(), robots, ISLANDS, costs, params).tolist() == [0]
+    assert assign(island_map(), robots, ISLANDS, np.array([[4.0, 0.7, 6.1]]), params).tolist() == [1]
+    assert assign(island_map(), robots, ISLANDS, np.array([[np.inf, np.inf, 6.1]]), params).tolist() == [2]
+    assert assign(island_map(), robots, ISLANDS, np.full((1, 3), np.inf), params).tolist() == [UNASSIGNED]
