@@ -4,6 +4,7 @@ Experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022): a rob
 globally on this map by a particle filter, and drives to goals.
 """
 
+import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -83,6 +84,7 @@ def localize_and_drive(
     `info` at the first step with a localized robot, or None, and at the end of each drive; stops if the robot is lost.
     """
     known: Any = {"map": map, "map_pose": mapped.map_pose, "initial_pose": "unknown", "amcl": "slam_map"}
+    arguments = {"heading_tolerance": math.pi, **arguments}
     env = LidarEnv(Navigate, time_limit=TIME_PER_GOAL * goals, **known, **arguments)
     driver, localized, ends = GoalNavigator(GoalParams(lost_time=0.5 * TIME_PER_GOAL)), None, list[Info]()
     observation, info = begin_episode(env, driver, seed + 1, np.random.default_rng([seed, 1]))
@@ -96,7 +98,7 @@ def localize_and_drive(
     while len(ends) < goals and not (ends and ends[-1]["end_reason"] == "lost"):
         if ends:
             here = env.map_pose.compose(env.belief.pose)
-            env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng))[:2])
+            env.set_goal(env.map_pose.between(draw_goal(env.task.area, here, rng)))
         observation, info, _ = run(env, decide, observation, info, note)
         ends.append(info)
     env.close()
