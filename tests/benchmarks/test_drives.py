@@ -139,9 +139,17 @@ def test_symmetries_of_a_rectangle_and_of_an_l():
     ("times", "shown", "ratio"),
     [
         # 300 / 100 and 100 / 80, not the ratio of the means.
-        ([100.0, 300.0, 80.0, 100.0], ["200 [100 to 300]", "90 [80 to 100]"], "2.12 [1.25 to 3.00]"),
-        ([math.inf, math.inf, 100.0, 100.0], ["never [> 600 s]", "100 [100 to 100]"], "> 6.00 [never]"),
-        ([100.0, 300.0, math.inf, math.inf], ["200 [100 to 300]", "never [> 600 s]"], "0.33 [0.17 to 0.50]"),
+        (
+            [100.0, 300.0, 80.0, 100.0],
+            ["200 [100 to 300; only 2 starts]", "90 [80 to 100; only 2 starts]"],
+            "2.12 [1.25 to 3.00; only 2 starts]",
+        ),
+        ([math.inf, math.inf, 100.0, 100.0], ["never [> 600 s]", "100 [only 2 starts]"], "> 6.00 [never]"),
+        (
+            [100.0, 300.0, math.inf, math.inf],
+            ["200 [100 to 300; only 2 starts]", "never [> 600 s]"],
+            "0.33 [0.17 to 0.50; only 2 starts]",
+        ),
     ],
 )
 def test_speed_ups_are_taken_pair_by_pair_and_marks_that_were_never_reached_are_shown(times, shown, ratio):
