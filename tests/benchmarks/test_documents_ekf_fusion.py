@@ -15,12 +15,15 @@ from lidarnaut.envs.localization.fusion import FUSIONS, start_covariance
 STEPS = 60
 
 
-def make_drive(errors, covariance=None, straights=0.0):
+def make_drive(errors, covariance=None, straights=0.0, ahead=0.0):
     truth = np.tile([1.0, 2.0, math.pi - 0.001], (len(errors), 1))
     covariances = {"full": np.tile(np.eye(3) if covariance is None else covariance, (len(errors), 1, 1))}
     time, estimated = np.arange(len(errors), dtype=float), {"full": truth + errors}
     directions = np.broadcast_to(straights, len(errors))
-    return experiment.RouteDrive("kinematic", 0, "completed", 0, time, truth, directions, estimated, covariances)
+    planned = truth + (0.0, ahead, 0.0)
+    return experiment.RouteDrive(
+        "kinematic", 0, "completed", 0, time, truth, directions, planned, estimated, covariances
+    )
 
 
 def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable():
