@@ -37,7 +37,7 @@ ROTATE_FROM = 1.6
 """Heading error above which the route follower turns in place [rad]."""
 LAG_TIME = 1.0
 """Time over which a lag behind the plan decays [s]."""
-MAX_OFFSET, MAX_TURN = SPACING, 0.3
+MAX_OFFSET, MAX_TURN = 0.3, 0.3
 """Offset [m] and heading error [rad] above which the robot returns to the route by pure pursuit."""
 
 
@@ -146,7 +146,9 @@ class RouteFollower(Explorer):
         step = 0.5 * (before.v + v) * period
         w = yaw_rate_for(self._plan.turn(offset, step), before.w, robot.max_acc_w, period)
         w = min(max(w, -robot.max_w), robot.max_w)
-        is_free = free_distance(navigator.obstacles, w / max(v, 1e-6), robot.radius, ARC_LENGTH) >= ARC_LENGTH
+        look = max(ARC_LENGTH, v**2 / robot.max_acc_v)  # twice the braking distance
+        arc = w / max(v, 1e-6), robot.radius + MIN_WALL_MARGIN, look
+        is_free = free_distance(navigator.obstacles, *arc) >= look
         if not is_free or pursuit.v <= 0.0 or abs(offset.y) > MAX_OFFSET or abs(offset.theta) > MAX_TURN:
             self.along, (v, w) = offset.x, pursuit
         lag = self.along - offset.x

@@ -18,6 +18,9 @@ MIN_SPEED = 0.2
 DECAY_LENGTH, MAX_DECAY = 0.3, 0.2
 """Driven distance over which an offset decays [m], and the greatest fraction of the decay in a control period."""
 
+MAX_CORRECTED = 0.05
+"""Larger offsets from the route are corrected like this one [m]: the robot approaches the route at a small angle."""
+
 
 class RoutePlan:
     """Path and speeds of a robot along a route.
@@ -49,7 +52,7 @@ class RoutePlan:
 
         `offset`: arc length, offset to the left and heading error. `step`: distance to drive [m].
         """
-        along, left, turn = offset
+        along, left, turn = offset.x, min(max(offset.y, -MAX_CORRECTED), MAX_CORRECTED), offset.theta
         turn_of_path = wrap_angle(self.path.at(along + step).theta - self.path.at(along).theta)
         decay = min(1.0 / DECAY_LENGTH, MAX_DECAY / max(step, 1e-9))
         return turn_of_path - step * decay * (2.0 * turn + decay * left)
