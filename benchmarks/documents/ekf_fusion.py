@@ -200,8 +200,8 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
     figures = []
     for name, fusion in itertools.product(physics, (DRIVER, "amcl", "encoder_compass", "encoder")):
         some = [drive for drive in drives[: len(main)] if drive.physics == name]
-        # The paper has no figures of single sensors.
-        paper = {_item(key, of): PAPER[key] for key in PAPER for of in ("", ROUTE, TRUE_ROUTE) if fusion == DRIVER}
+        # The paper has no figures of single sensors, and none of the true pose.
+        paper = {_item(key, of): PAPER[key] for key in PAPER for of in ("", ROUTE) if fusion == DRIVER}
         figures += figures_of([drive.readings(fusion) for drive in some], f"{{}}, {LABELS[fusion]}, {name}", paper)
         if fusion == DRIVER:
             done = [float(drive.end_reason == "completed" and drive.collisions == 0) for drive in some]
