@@ -1,4 +1,4 @@
-"""Plan of a drive along a route, with speeds and yaw rates that the robot can reach."""
+"""Plan of a drive along a route within the robot's limits of speed and acceleration."""
 
 import math
 
@@ -12,21 +12,21 @@ from lidarnaut.envs.tasks.route import Route, directions
 ROUNDING = 2
 """Steps of the curvature are rounded off over this number of route points to either side."""
 LIMIT_SHARE = 0.8
-"""Fraction of the robot's yaw rate and accelerations that the plan uses; the rest is for feedback."""
+"""Fraction of the robot's maximum yaw rate and accelerations in the plan; the rest is for feedback."""
 MIN_SPEED = 0.2
 """Minimum planned speed, at sharp corners, as a fraction of the maximum speed."""
 DECAY_LENGTH, MAX_DECAY = 0.3, 0.2
 """Driven distance over which an offset decays [m], and the greatest fraction of the decay in a control period."""
 
 MAX_CORRECTED = 0.05
-"""Larger offsets from the route are corrected like this one [m]: the robot approaches the route at a small angle."""
+"""Offset from the route above which the correction does not grow [m], for a small angle of approach."""
 
 
 class RoutePlan:
     """Path and speeds of a robot along a route.
 
-    The yaw rate cannot jump where an arc begins: the path rounds off steps of the curvature, and the robot slows down
-    where the curvature changes.
+    The yaw rate cannot jump at the beginning of an arc: the path rounds off steps of the curvature, and the speed is
+    low near them.
     """
 
     def __init__(self, route: Route, robot: RobotParams) -> None:
@@ -44,7 +44,7 @@ class RoutePlan:
         self._speeds = np.sqrt(np.minimum.accumulate((v**2 + braking)[::-1])[::-1] - braking)
 
     def speed(self, along: float) -> float:
-        """Return the maximum speed at an arc length [m/s], with time to brake for what follows."""
+        """Return the maximum speed at an arc length [m/s]; includes braking before the next step of the curvature."""
         return float(np.interp(along, self.path.along, self._speeds))
 
     def turn(self, offset: Pose2D, step: float) -> float:
