@@ -151,11 +151,11 @@ class RouteFollower(Explorer):
         is_free = free_distance(navigator.obstacles, *arc) >= look
         if not is_free or pursuit.v <= 0.0 or abs(offset.y) > MAX_OFFSET or abs(offset.theta) > MAX_TURN:
             self.along, (v, w) = offset.x, pursuit
-        lag = self.along - offset.x
+        command = Twist(min(max(v + (self.along - offset.x) / LAG_TIME, 0.0), robot.max_v), w)
         v = min(max(v, before.v - most_v), before.v + most_v)
         self._planned = Twist(v, min(max(w, before.w - most_w), before.w + most_w))
         self.along += 0.5 * (before.v + v) * period
-        return Twist(min(max(v + lag / LAG_TIME, 0.0), robot.max_v), w)
+        return command
 
     def _locate(self, pose: Pose2D) -> Pose2D:
         self._progress.update(pose)

@@ -9,8 +9,9 @@ import pytest
 from lidarnaut.baselines.reactive import RouteFollower
 from lidarnaut.baselines.route_plan import RoutePlan, yaw_rate_for
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.navigation import PathFollower
 from lidarnaut.envs.robots import load_robot
-from lidarnaut.envs.simulation import make_simulator
+from lidarnaut.envs.simulation import Twist, make_simulator
 from lidarnaut.envs.tasks.route import END, SPACING, Progress, Route
 from tests.rooms import ORIGIN, square_room
 
@@ -119,3 +120,20 @@ def test_the_robot_touches_nothing_that_stands_on_the_route_and_passes_what_is_b
     poses, _, contacts = drive([[0.0, 0.0], [8.0, 0.0]], load_robot(name), circles=[(4.0, left, 0.1)])
     assert contacts == 0
     assert (poses[-1, 0] > 7.8) == is_free
+
+
+def test_a_stop_of_pure_pursuit_is_commanded_at_once(monkeypatch):
+    robot, commands = load_robot("create3"), []
+    simulator, follower = make_simulator("kinematic", robot, 0.1), RouteFollower()
+    reading = simulator.reset(square_room(15.0), [ORIGIN], [np.random.default_rng(0)])[0]
+    follower.reset(robot, 0.1, np.random.default_rng(0))
+    follower.set_route(Route.of([[0.0, 0.0], [8.0, 0.0]]))
+    for k in range(30):
+        if k == 25:
+            monkeypatch.setattr(PathFollower, "command", lambda *_: Twist(0.0, 0.0))
+        commands.append(follower.act(reading, SimpleNamespace(pose=simulator.states[0].pose)))
+        reading = simulator.step(commands[-1:])[0]
+    assert commands[24].v > 0.4
+    assert commands[25:] == [Twist(0.0, 0.0)] * 5
+    # The plan waits for the robot, which brakes.
+    assert abs(follower.along - simulator.states[0].pose.x) < SPACING
