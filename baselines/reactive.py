@@ -7,12 +7,14 @@ import numpy as np
 
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.geometry import ORIGIN
+from lidarnaut.envs.geometry import ORIGIN, Pose2D
 from lidarnaut.envs.navigation import Candidates, FollowerParams, Navigator, PathFollower, free_distance
 from lidarnaut.envs.navigation.policy import Explorer
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
-from lidarnaut.envs.tasks.route import Route
+from lidarnaut.envs.tasks.route import SPACING, Progress, Route
+
+from .route_plan import LIMIT_SHARE, RoutePlan, yaw_rate_for
 
 CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Curvatures of the arcs tried by the wall follower, right to left [1/m]. Scaled down for robot radii above 0.1 m."""
@@ -33,6 +35,10 @@ MIN_TURN_TIME = 1.0
 """Minimum curve radius of the route follower divided by speed [s]: the robot slows down in sharp curves."""
 ROTATE_FROM = 1.6
 """Heading error above which the route follower turns in place [rad]."""
+LAG_TIME = 1.0
+"""Time over which a lag behind the plan decays [s]."""
+MAX_OFFSET, MAX_TURN = 0.3, 0.3
+"""Offset [m] and heading error [rad] above which the robot returns to the route by pure pursuit."""
 
 
 class RandomExplorer(Explorer):
@@ -110,9 +116,13 @@ class WallFollower(Explorer):
 
 
 class RouteFollower(Explorer):
-    """Follows a given route by regulated pure pursuit."""
+    """Follows a given route by the plan; near obstacles and away from the route by regulated pure pursuit."""
+
+    along: float
+    """Arc length of the planned position at the end of the control period [m]."""
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
+        super().reset(robot, control_period, rng)
         self._navigator = Navigator(robot, control_period)
         self._has_begun = False
         params = FollowerParams(lookahead_time=LOOKAHEAD_TIME, min_turn_time=MIN_TURN_TIME, rotate_from=ROTATE_FROM)
@@ -120,9 +130,37 @@ class RouteFollower(Explorer):
 
     def set_route(self, route: Route) -> None:
         self._follower.set_path(route.points)
+        self._plan = RoutePlan(route, self.robot)
+        self._progress = Progress(self._plan.path)
+        self.along, self._planned = 0.0, Twist(0.0, 0.0)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         navigator = self._navigator
         (navigator.sense if self._has_begun else navigator.reset)(reading)
         self._has_begun = True
-        return self._follower.command(belief.pose, navigator.velocity, navigator.obstacles)
+        pursuit = self._follower.command(belief.pose, navigator.velocity, navigator.obstacles)
+        robot, period, before, offset = self.robot, self.control_period, self._planned, self._locate(belief.pose)
+        most_v, most_w = robot.max_acc_v * period, robot.max_acc_w * period
+        self.along = min(max(self.along, offset.x - SPACING), offset.x + SPACING)
+        v = min(before.v + LIMIT_SHARE * most_v, self._plan.speed(self.along + before.v * period), pursuit.v)
+        step = 0.5 * (before.v + v) * period
+        w = yaw_rate_for(self._plan.turn(offset, step), before.w, robot.max_acc_w, period)
+        w = min(max(w, -robot.max_w), robot.max_w)
+        look = max(ARC_LENGTH, v**2 / robot.max_acc_v)  # twice the braking distance
+        arc = w / max(v, 1e-6), robot.radius + MIN_WALL_MARGIN, look
+        is_free = free_distance(navigator.obstacles, *arc) >= look
+        if not is_free or pursuit.v <= 0.0 or abs(offset.y) > MAX_OFFSET or abs(offset.theta) > MAX_TURN:
+            self.along, (v, w) = offset.x, pursuit
+        command = Twist(min(max(v + (self.along - offset.x) / LAG_TIME, 0.0), robot.max_v), w)
+        v = min(max(v, before.v - most_v), before.v + most_v)
+        self._planned = Twist(v, min(max(w, before.w - most_w), before.w + most_w))
+        self.along += 0.5 * (before.v + v) * period
+        return command
+
+    def _locate(self, pose: Pose2D) -> Pose2D:
+        self._progress.update(pose)
+        path, k = self._progress.route, self._progress.index
+        (x, y), heading = path.points[k].tolist(), float(path.headings[k])
+        along = float(path.along[k]) + Pose2D(x, y, heading).between(pose).x
+        _, left, turn = path.at(along).between(pose)
+        return Pose2D(along, left, turn)

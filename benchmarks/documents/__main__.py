@@ -41,7 +41,7 @@ def main(
             path.mkdir(parents=True, exist_ok=True)
     experiment = importlib.import_module(f"lidarnaut.benchmarks.documents.{name}")
     figures: list[Figure] = experiment.run(pictures, runs, jobs, quick)
-    make_console().print(table(figures))
+    make_console().print(table(figures), *getattr(experiment, "NOTES", ()))
     if json is not None:
         write_file(json, dumps([row for figure in figures for row in figure.rows()], indent=1) + "\n")
     return figures

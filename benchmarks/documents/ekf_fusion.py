@@ -34,9 +34,16 @@ PAPER = {
     "heading RMSE [deg]": 0.6939,
     "greatest heading error [deg]": 3.3,
     "mean error across on straights [mm]": 1.6,
+    "mean error along on straights [mm]": 20.0,
+    "greatest distance [mm]": 30.0,
 }
 """Results of Nguyen et al. (2021) with AMCL, encoders and compass: RMSE (equations 11 and 12), maximum errors, and the
-error perpendicular to the direction of motion."""
+errors perpendicular to and along the direction of motion. The greatest distance is at least the greatest error in x."""
+ROUTE, TRUE_ROUTE = "to the planned route", "of the true pose to the planned route"
+NOTES = (
+    f"It is not known which errors the paper means. Rows without '{ROUTE}' have errors of the estimate against ground "
+    "truth; rows with it have distances to the pose on the route that was planned for the same time.",
+)
 RMSES = "position RMSE [mm]", "heading RMSE [deg]"
 COMPASS_NOISE = 0.69
 """Standard deviation of the compass in the experiment [deg]: all of the paper's heading error, besides rounding."""
@@ -128,14 +135,19 @@ class RouteDrive:
     """True poses (x, y, heading) in the map frame, shape (n, 3), float64 [m, m, rad]."""
     straights: np.ndarray
     """Direction of the route, shape (n,), float64 [rad]; NaN in its corners."""
+    planned: np.ndarray
+    """Poses of the driver's plan on the route (x, y, heading) in the map frame, shape (n, 3), float64 [m, m, rad]."""
     estimated: dict[str, np.ndarray]
     """Estimated poses (x, y, heading) in the map frame, by filter name: shape (n, 3), float64 [m, m, rad]."""
     covariance: dict[str, np.ndarray]
     """Estimated covariances of x, y [m] and heading [rad], by filter name: shape (n, 3, 3), float64."""
 
-    def error(self, name: str) -> np.ndarray:
-        """Return the pose errors (x, y, heading) of a filter: shape (n, 3), heading in [-180, 180) [mm, mm, deg]."""
-        error = self.estimated[name] - self.truth
+    def error(self, name: str, reference: np.ndarray | None = None) -> np.ndarray:
+        """Return the pose errors (x, y, heading) of a filter: shape (n, 3), heading in [-180, 180) [mm, mm, deg].
+
+        `name`: of a filter, or `truth`. `reference`: right poses, shape (n, 3); None for ground truth.
+        """
+        error = self.estimated.get(name, self.truth) - (self.truth if reference is None else reference)
         error[:, 2] = wrap_angle(error[:, 2])
         return error * (1e3, 1e3, math.degrees(1.0))
 
@@ -144,22 +156,39 @@ class RouteDrive:
         error = self.error(name) / (1e3, 1e3, math.degrees(1.0))
         return np.einsum("ni,ni->n", error, np.linalg.solve(self.covariance[name], error[..., None])[..., 0])
 
-    def measure(self, name: str) -> dict[str, float]:
-        """Return the quantities of `PAPER` for a filter; also the RMS error across, and the mean NEES."""
-        error = self.error(name)
+    def measure(self, name: str, reference: np.ndarray | None = None) -> dict[str, float]:
+        """Return the quantities of `PAPER`, the RMS error across, and without `reference` the mean NEES.
+
+        Arguments as in `error`.
+        """
+        error = self.error(name, reference)
         x, y, heading = abs(error).max(axis=0)
-        across = np.cos(self.straights) * error[:, 1] - np.sin(self.straights) * error[:, 0]
-        across = abs(across[~np.isnan(across)])
-        values = rms(np.hypot(error[:, 0], error[:, 1])), x, y, rms(error[:, 2]), heading, across.mean()
-        further = {"RMS error across on straights [mm]": rms(across), "NEES []": float(self.nees(name).mean())}
-        return {**dict(zip(PAPER, map(float, values))), **further}
+        distances, is_straight = np.hypot(error[:, 0], error[:, 1]), ~np.isnan(self.straights)
+        c, s = np.cos(self.straights[is_straight]), np.sin(self.straights[is_straight])
+        x_error, y_error, _ = error[is_straight].T
+        along, across = abs(c * x_error + s * y_error), abs(c * y_error - s * x_error)
+        values = rms(distances), x, y, rms(error[:, 2]), heading, across.mean(), along.mean(), distances.max()
+        found = {**dict(zip(PAPER, map(float, values))), "RMS error across on straights [mm]": rms(across)}
+        return found if reference is not None else {**found, "NEES []": float(self.nees(name).mean())}
+
+    def readings(self, name: str) -> dict[str, float]:
+        """Return the measures of a filter; those of the `DRIVER` also by `ROUTE` and `TRUE_ROUTE`."""
+        found = {"": self.measure(name)}
+        if name == DRIVER:
+            found |= {ROUTE: self.measure(name, self.planned), TRUE_ROUTE: self.measure("truth", self.planned)}
+        return {_item(key, of): values[key] for key in found[""] for of, values in found.items() if key in values}
+
+
+def _item(key: str, of: str) -> str:
+    return key.replace(" [", f" {of} [") if of else key
 
 
 def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure]:
     """Repeat the experiment; also with sensor faults, and with noise and disturbances of the compass.
 
-    The compass has a noise of `COMPASS_NOISE`. Errors are against ground truth in the map frame. Straights are the
-    parts of the route with a constant direction, and errors across are perpendicular to it.
+    The compass has a noise of `COMPASS_NOISE`. Errors are against ground truth in the map frame, and against the
+    plan of the `RouteFollower`. Straights are the parts of the route with a constant direction, and errors across are
+    perpendicular to it.
     """
     seeds, physics = range(1 if quick else runs or 10), ("kinematic", "bullet")[: 1 if quick else 2]
     few, clean, changes = range(min(len(seeds), 3)), "no disturbance", QUICK if quick else {}
@@ -171,8 +200,9 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
     figures = []
     for name, fusion in itertools.product(physics, (DRIVER, "amcl", "encoder_compass", "encoder")):
         some = [drive for drive in drives[: len(main)] if drive.physics == name]
-        paper = PAPER if fusion == DRIVER else {}  # The paper has no figures of single sensors.
-        figures += figures_of([drive.measure(fusion) for drive in some], f"{{}}, {LABELS[fusion]}, {name}", paper)
+        # The paper has no figures of single sensors, and none of the true pose.
+        paper = {_item(key, of): PAPER[key] for key in PAPER for of in ("", ROUTE) if fusion == DRIVER}
+        figures += figures_of([drive.readings(fusion) for drive in some], f"{{}}, {LABELS[fusion]}, {name}", paper)
         if fusion == DRIVER:
             done = [float(drive.end_reason == "completed" and drive.collisions == 0) for drive in some]
             figures.append(Figure(f"route completed without contact, {name}", "share", done, best="most"))
@@ -224,17 +254,17 @@ def run_drive(
         ekf = make_filter(env.robot, env.task.control_period)
         ekf.reset(fused.pivot, start_covariance())
         channels[name] = FaultyChannel(ekf, fault, np.random.default_rng([seed, k]))
-    rows: list[tuple[float, Pose2D]] = []
+    rows: list[tuple[float, Pose2D, Pose2D]] = []
     estimates: dict[str, list[Estimate]] = {name: [] for name in ("amcl", *filters)}
     while "end_reason" not in info and len(rows) != max_steps:
         observation, _, _, _, info = env.step(decide(observation))
-        rows.append((info["time"], env.map_pose.between(env.truths[0].state.pose)))
+        rows.append((info["time"], env.map_pose.between(env.truths[0].state.pose), route.at(follower.along)))
         estimates["amcl"].append(fused.localized)
         for name, channel in channels.items():
             estimate = channel.deliver(info["time"], fused.measurements)
             estimates[name].append(dataclasses.replace(estimate, pose=estimate.pose.compose(fused.pivot.inverse())))
     env.close()
-    time, truth = zip(*rows)
+    time, truth, planned = zip(*rows)
     nearest = [int(np.argmin(np.hypot(*(route.points - pose[:2]).T))) for pose in truth]
     is_straight = abs(np.gradient(np.unwrap(route.headings)))[nearest] < 1e-6
     return RouteDrive(
@@ -245,6 +275,7 @@ def run_drive(
         time=np.array(time),
         truth=np.array(truth),
         straights=np.where(is_straight, route.headings[nearest], np.nan),
+        planned=np.array(planned),
         estimated={name: np.array([one.pose for one in many]) for name, many in estimates.items()},
         covariance={name: np.array([one.covariance[:3, :3] for one in many]) for name, many in estimates.items()},
     )

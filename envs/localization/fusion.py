@@ -23,6 +23,9 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
 """Sensors that the Kalman filter fuses, by name of the combination; none for `amcl`, which is AMCL without filter."""
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
+START_ACCELERATION = 0.16
+"""Minimum standard deviation of the initial speed, divided by the greatest change of speed in a period. A start at full
+acceleration has a mean speed of 0.5 in this unit, which must not be `gated`."""
 MAP_STD, MAP_HEADING_STD = 1.0, 0.001
 """Extra standard deviation of AMCL poses in the Kalman filter, as successive errors are correlated: position [map
 cells], heading [rad]."""
@@ -139,6 +142,7 @@ class FusedPose(Estimator):
         """Compass heading of the map's x axis [rad]; set before `reset`."""
         self.pivot = ORIGIN
         """Point of the base without sideslip; set before `reset`. `ekf` and map measurements hold its poses."""
+        self._start_v = START_ACCELERATION * robot.max_acc_v * period
         self._robot, self._kinds, self._latency = robot, FUSIONS[fusion], latency
         self._delayed: deque[tuple[float, Measurement, Pose2D]] = deque()
 
@@ -153,6 +157,7 @@ class FusedPose(Estimator):
         self._start = np.diag(start_covariance()).copy()
         if covariance is not None:
             self._start[:3] = np.diag(covariance)
+        self._start[3] = max(self._start[3], self._start_v**2)
         self._last: Reading | None = None
         self._delayed.clear()
         self._odometry, self._odometry_frame = ORIGIN, pose

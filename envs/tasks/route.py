@@ -24,7 +24,7 @@ class Route:
     points: np.ndarray
     """Points of the route, shape (n, 2), float64 [m]."""
     headings: np.ndarray
-    """Direction of the route at each point, shape (n,), float64 [rad]."""
+    """Direction of the tangent at each point, shape (n,), float64 [rad]."""
     along: np.ndarray
     """Arc length from the start to each point, shape (n,), float64 [m]."""
 
@@ -39,9 +39,7 @@ class Route:
             raise ValueError(f"a path must be at least {SPACING} m long, got {at[-1]:.3g} m")
         along = np.linspace(0.0, at[-1], math.ceil(at[-1] / SPACING) + 1)
         points = points_at(corners, at, along)
-        steps = np.diff(points, axis=0)
-        headings = np.arctan2(steps[:, 1], steps[:, 0])
-        return cls(points, np.append(headings, headings[-1]), along)
+        return cls(points, directions(points), along)
 
     @property
     def length(self) -> float:
@@ -52,10 +50,23 @@ class Route:
     def start(self) -> Pose2D:
         return Pose2D(float(self.points[0, 0]), float(self.points[0, 1]), float(self.headings[0]))
 
+    def at(self, along: float) -> Pose2D:
+        """Return the pose on the route at an arc length [m], at most at its ends."""
+        k = min(max(int(np.searchsorted(self.along, along)) - 1, 0), len(self.along) - 2)
+        share = min(max((along - self.along[k]) / (self.along[k + 1] - self.along[k]), 0.0), 1.0)
+        x, y = ((1.0 - share) * self.points[k] + share * self.points[k + 1]).tolist()
+        return Pose2D(x, y, wrap_angle(self.headings[k] + share * wrap_angle(self.headings[k + 1] - self.headings[k])))
+
     def seen_from(self, frame: Pose2D) -> "Route":
         """Return the route in another frame, given as a pose in the current frame."""
         headings = np.array([wrap_angle(heading - frame.theta) for heading in self.headings])
         return Route(frame.inverse().transform(self.points), headings, self.along)
+
+
+def directions(points: np.ndarray) -> np.ndarray:
+    """Return the direction of the tangent at each of n > 1 points, shape (n, 2): shape (n,), float64 [rad]."""
+    steps = np.gradient(points, axis=0)
+    return np.arctan2(steps[:, 1], steps[:, 0])
 
 
 def rectangle(start: Pose2D) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Experiment of Nguyen et al. (2021): drives, measures, tables and figures."""
 
+import itertools
 import math
 from collections import Counter
 
@@ -13,14 +14,18 @@ from lidarnaut.envs.localization.ekf import Ekf, Measurement
 from lidarnaut.envs.localization.fusion import FUSIONS, start_covariance
 
 STEPS = 60
+OF_READINGS = "", " to the planned route", " of the true pose to the planned route"
 
 
-def make_drive(errors, covariance=None, straights=0.0):
+def make_drive(errors, covariance=None, straights=0.0, ahead=0.0):
     truth = np.tile([1.0, 2.0, math.pi - 0.001], (len(errors), 1))
     covariances = {"full": np.tile(np.eye(3) if covariance is None else covariance, (len(errors), 1, 1))}
     time, estimated = np.arange(len(errors), dtype=float), {"full": truth + errors}
     directions = np.broadcast_to(straights, len(errors))
-    return experiment.RouteDrive("kinematic", 0, "completed", 0, time, truth, directions, estimated, covariances)
+    planned = truth + (0.0, ahead, 0.0)
+    return experiment.RouteDrive(
+        "kinematic", 0, "completed", 0, time, truth, directions, planned, estimated, covariances
+    )
 
 
 def test_a_drive_holds_every_fusion_at_every_step_and_is_repeatable():
@@ -56,6 +61,19 @@ def test_measures_are_equations_11_and_12():
         assert measures["RMS error across on straights [mm]"] == pytest.approx(factor * 40.0 / math.sqrt(3))
 
 
+def test_errors_to_the_route_are_distances_to_the_pose_planned_for_the_same_time():
+    drive = make_drive(np.tile([0.003, 0.004, 0.01], (4, 1)), straights=math.pi / 2, ahead=0.02)
+    readings = drive.readings("full")
+    found = {of: readings[f"mean error along on straights{of} [mm]"] for of in OF_READINGS}
+    assert found == pytest.approx(dict(zip(OF_READINGS, (4.0, 16.0, 20.0))))
+    found = {of: readings[f"mean error across on straights{of} [mm]"] for of in OF_READINGS}
+    assert found == pytest.approx(dict(zip(OF_READINGS, (3.0, 3.0, 0.0))))
+    found = {of: readings[f"greatest distance{of} [mm]"] for of in OF_READINGS}
+    assert found == pytest.approx(dict(zip(OF_READINGS, (5.0, math.hypot(3.0, 16.0), 20.0))))
+    assert readings["heading RMSE to the planned route [deg]"] == pytest.approx(math.degrees(0.01))
+    assert [key for key in readings if "NEES" in key] == ["NEES []"]
+
+
 def test_nees_tells_honest_from_overconfident():
     covariance = np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 0.5]]) * 1e-4
     errors = np.random.default_rng(0).multivariate_normal(np.zeros(3), covariance, (20, 400))
@@ -65,14 +83,16 @@ def test_nees_tells_honest_from_overconfident():
         assert experiment.nees_within(drives, "full") == pytest.approx(within, abs=0.04)
 
 
-def test_a_quick_run_gives_figures_and_pictures_and_beats_the_paper(tmp_path):
+def test_a_quick_run_gives_figures_and_pictures_and_beats_the_paper(tmp_path, capsys):
     figures = {one.item: one for one in main("ekf_fusion", pictures=tmp_path, jobs=1, quick=True)}
-    for key, value in list(experiment.PAPER.items())[:5]:
+    for (key, value), of in itertools.product(experiment.PAPER.items(), OF_READINGS[:2]):
         item, _, unit = key[:-1].partition(" [")
-        figure = figures[f"{item}, full fusion, kinematic"]
+        figure = figures[f"{item}{of}, full fusion, kinematic"]
         assert (figure.document, figure.unit) == (value, unit)
-        assert figure.median < value
+        assert figure.median < value or "across" in key
         assert figures[f"{item}, encoder alone, kinematic"].document is None
+        assert figures[f"{item}{OF_READINGS[2]}, full fusion, kinematic"].document is None
+    assert "It is not known which errors the paper means." in " ".join(capsys.readouterr().out.split())
     assert figures["route completed without contact, kinematic"].median == 1.0
     for label in experiment.LABELS.values():
         assert figures[f"position RMSE, compass noise 0.69 deg, magnets: {label}"].median > 0.0

@@ -80,6 +80,26 @@ def test_the_default_route_is_a_rectangle_of_78_m_that_ends_where_it_starts():
     assert np.unwrap(route.headings)[-1] == pytest.approx(2 * math.pi, abs=0.06)
 
 
+def test_headings_of_a_route_are_its_tangents():
+    route = Route.of(rectangle(Pose2D(0.0, 0.0, 0.0)))
+    for turn in (0.3, 0.8, 1.3):
+        # The first corner begins at x = 22.
+        tangent = Pose2D(22.0 + math.sin(turn), 1.0 - math.cos(turn), turn)
+        x, y, heading = tangent.between(route.at(22.0 + turn))
+        assert math.hypot(x, y) < 0.002
+        assert abs(heading) < 0.002
+        nearest = int(np.argmin(np.hypot(*(route.points - tangent[:2]).T)))
+        assert abs(route.headings[nearest] - turn) < 0.026
+        assert np.mean(route.headings[nearest - 5 : nearest + 6]) == pytest.approx(
+            route.along[nearest] - 22.0, abs=2e-3
+        )
+    assert route.at(-1.0) == pytest.approx(route.start, abs=1e-12)
+    assert route.at(100.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
+    corner = Route.of([[0.0, 0.0], [-1.0, 0.0], [-1.0, -1.0]])
+    assert abs(corner.at(0.9).theta) == pytest.approx(math.pi, abs=1e-6)
+    assert corner.at(1.0).theta == pytest.approx(-0.75 * math.pi, abs=1e-6)
+
+
 def test_progress_does_not_leap_to_where_the_route_comes_by_again():
     route = Route.of(rectangle(Pose2D(0.0, 0.0, 0.0)))
     progress = Progress(route)
@@ -254,3 +274,5 @@ def test_the_fusion_is_as_good_as_amcl_at_low_control_rates(control_hz):
     full, amcl = np.sqrt(np.mean(np.square(errors), axis=0))
     assert np.hypot(*full[:2]) < 1.15 * np.hypot(*amcl[:2])
     assert full[2] < amcl[2] + math.radians(0.05)
+    # Also the first: the robot starts at full acceleration.
+    assert set(env.robots[0].estimator.ekf.counts["encoder"]) == {"accepted"}
