@@ -34,7 +34,7 @@ INITIAL_STD = (0.5, 0.5, math.radians(15.0))
 """Standard deviations of the initial pose [m, m, rad], as in Nav2."""
 MAX_SPREAD = 0.5
 """Position spread (RMS) of the heaviest particle cluster above which the robot is lost [m]."""
-MIN_MERIT = 0.3
+MIN_MERIT = 0.2
 """Minimum fit of a tracked pose in a changed place, minus the share of beams through mapped obstacles."""
 FIT_DROP, FIT_RISE = 0.1, 0.1 / 30
 """Fit that starts the next search for a better pose: distance below the fit at the last search, and rise per update."""

@@ -13,7 +13,7 @@ from .likelihood_field import MAX_ENTRY, LikelihoodField, sum_fields
 
 TOLERANCE = 0.03
 """Alternative poses that score lower than the estimated pose by more than this are discarded; scores are at most 1."""
-MIN_LEAD = 0.2
+MIN_LEAD = 0.35
 """A tracked pose is given up only for a pose that scores higher by more than this."""
 MIN_SEPARATION, MIN_SEPARATION_ANGLE = 0.5, math.radians(20.0)
 """Poses within this distance [m] and heading difference [rad] count as one pose."""
