@@ -78,6 +78,7 @@ class Amcl(Estimator):
         self.params = params
         self._lidar = lidar
         self._tables: _MapTables
+        self._least_fit: float = params.lost_fit
         self._bins = np.empty(params.most_particles, dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
         self.cluster_weight: float
@@ -306,7 +307,7 @@ class Amcl(Estimator):
         if self._rivals is None and covariance[0, 0] + covariance[1, 1] > _WIDE_FACTOR**2 * MAX_SPREAD**2:
             self._rivals = Rivals(tables.field, self.params.lost_updates)
         share, hits = (0.0, 0) if ranges is None or not has_converged else tables.field.fit(ranges, local)
-        if hits >= _MIN_HITS:
+        if ranges is not None and hits >= _MIN_HITS:
             self._fits.append(share)
             self._merits.append(share)
             if share < self.params.lost_fit:

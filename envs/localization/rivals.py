@@ -71,9 +71,10 @@ def count_crossed(field, hits, lidars, margin, pose):
 def share_crossed(field: LikelihoodField, ranges: np.ndarray, pose: Pose2D) -> float:
     """Return the share of a scan's beams with a return that pass through mapped obstacles, for a pose."""
     geometry, (points, count) = field.beams.geometry, field.beams.hits(ranges)
-    mount = np.float32([[geometry.mount_x], [geometry.mount_y]]) / np.float32(geometry.resolution)
+    mount = np.array([[geometry.mount_x], [geometry.mount_y]], dtype=np.float32) / np.float32(geometry.resolution)
     margin, lidars = MAX_PENETRATION / geometry.resolution, np.repeat(mount, count, axis=1)
-    return count_crossed(field.table, points[:, :count].copy(), lidars, margin, np.float32(pose)) / max(count, 1)
+    crossed = count_crossed(field.table, points[:, :count].copy(), lidars, margin, np.array(pose, dtype=np.float32))
+    return crossed / max(count, 1)
 
 
 def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@ import numpy as np
 
 from lidarnaut.envs.estimation import Belief, MapUpdate
 from lidarnaut.envs.geometry import ORIGIN, Pose2D
-from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
 from .key_scans import KeyScanSlam
@@ -13,8 +12,6 @@ from .matching.scan_matcher import Match, MatcherParams, match_to_levels
 from .relocalization import FOUND_STD, LocalizationMonitor
 from .slam_params import HectorParams
 
-MAX_JUMP = 0.4
-"""A scan that matches farther from the odometry pose does not fit, as after a kidnapping to a similar place [m]."""
 MIN_SCORE_WITH_PEOPLE = 0.5
 """Minimum mean occupancy of known cells at the scan points for a scan to fit the map when people are near."""
 
@@ -53,11 +50,7 @@ class Hector(KeyScanSlam):
             return predicted, 1.0
         match = self._match_map(ranges, predicted)
         pose = Pose2D(match.x, match.y, match.theta)
-        fits = match.fits if match.is_judged else None
-        jump = distance(pose.x - predicted.x, pose.y - predicted.y)
-        if self.params.uses_odometry and self.slip == 0.0 and jump > MAX_JUMP:
-            fits = False
-        fallback_pose = self._update_lost(ranges, predicted, pose, fits)
+        fallback_pose = self._update_lost(ranges, predicted, pose, match.fits if match.is_judged else None)
         return (pose, 1.0) if fallback_pose is None else (fallback_pose, None)
 
     def _match_map(self, ranges: np.ndarray, predicted: Pose2D) -> Match:

@@ -38,6 +38,8 @@ NEAR_DISTANCE = 2.0
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
 """Evidence to accept a relocalized pose: minimum near the odometry pose, minimum elsewhere, and maximum from one
 search. Evidence is the fit to the map minus the fit of the best alternative, summed over searches that agree."""
+GOOD_FIT = 0.9
+"""The lead of a pose with a lower fit counts half: another part of the building may look similar."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
 """Distance [m] and angle [rad] below which two candidate poses of relocalization count as equal."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
@@ -60,7 +62,9 @@ LEAST_KNOWN_BEAMS = 0.65
 """Criterion for poses where part of the scan points lies in unknown cells, if at least this fraction of the beams runs
 mostly through known cells. Poses outside of the mapped area also have few points in free cells."""
 MAX_ACCEPTED_CROSSING = 0.08
-"""Maximum fraction of beams through occupied cells at a relocalized pose."""
+"""Maximum fraction of beams through occupied cells at a relocalized pose, and at a matched pose after a jump."""
+MAX_JUMP = 0.4
+"""Distance of a matched pose from the odometry pose that is a jump, as after a kidnapping to a similar place [m]."""
 
 
 class LocalizationMonitor:
@@ -116,6 +120,8 @@ class LocalizationMonitor:
                 is_consistent = fits and judged >= LEAST_JUDGED and crossing <= MAX_ACCEPTED_CROSSING * judged
                 self._num_consistent = self._num_consistent + 1 if is_consistent else 0
             else:
+                if distance(pose[0] - predicted.x, pose[1] - predicted.y) > MAX_JUMP:
+                    fits = fits and crossing <= MAX_ACCEPTED_CROSSING * judged
                 is_crossing = judged >= LEAST_JUDGED and crossing > MAX_CROSSING * judged
                 self._num_crossing = self._num_crossing + 1 if is_crossing else 0
                 if self._num_crossing >= CROSSING_SCANS:
@@ -174,7 +180,7 @@ class Relocalizer:
         before, there = self._found
         if has_moved(*before.compose(there.between(pose)), *found, AGREEMENT_DISTANCE, AGREEMENT_ANGLE):
             self._evidence = 0.0
-        self._found, self._evidence = (found, pose), self._evidence + min(lead, MAX_LEAD)
+        self._found, self._evidence = (found, pose), self._evidence + lead
         is_near = distance(found.x - pose.x, found.y - pose.y) <= NEAR_DISTANCE
         return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
@@ -201,7 +207,8 @@ class Relocalizer:
                 rival = search_around(heading, least, (*result.pose, RIVAL_DISTANCE, RIVAL_ANGLE)).pose
                 fits += [fit(rival)] if rival else []
         rivals = (fit.merit for fit in fits if has_moved(*best.pose, *fit.pose, AGREEMENT_DISTANCE, AGREEMENT_ANGLE))
-        return best.pose, best.merit - max(rivals, default=-math.inf)
+        lead = min(best.merit - max(rivals, default=-math.inf), MAX_LEAD)
+        return best.pose, lead if best.merit >= GOOD_FIT else 0.5 * lead
 
     def _fit(self, field: Field, pyramid: Pyramid, points: np.ndarray, rough: Pose2D) -> "_Fit":
         window = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
@@ -219,7 +226,7 @@ class Relocalizer:
             there = to_map.compose(Pose2D(*self._scans.poses[k].tolist()))
             ranges = self._scans.ranges[k]
             counts += count_crossings(field, ranges, self._geometry, tuple(there))
-            num_beams += np.count_nonzero(ranges > 0.0)
+            num_beams += int(np.count_nonzero(ranges > 0.0))
         return float(counts[0] / max(counts[1], 1.0)), float(counts[1] / max(num_beams, 1))
 
 

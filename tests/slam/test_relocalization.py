@@ -6,7 +6,6 @@ import pytest
 from lidarnaut.benchmarks.drives.slams import kidnap
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.slam import HectorParams, make_slam
-from lidarnaut.envs.slam.hector import Hector
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.relocalization import LOST_SCANS, LocalizationMonitor, Relocalizer
 from tests.slam.rooms import BOX, LIDAR, ROOM, STAY, follow, scan, see
@@ -78,20 +77,13 @@ def test_an_ambiguous_search_keeps_the_evidence_and_a_poor_one_does_not(grid, mo
     assert any(pose is not None for pose in found) == is_found
 
 
-@pytest.mark.parametrize(("slip", "jump", "is_lost"), [(0.0, 0.5, True), (0.2, 0.5, False), (0.0, 0.3, False)])
-def test_matches_far_from_odometry_are_mismatches_unless_the_wheels_may_have_slipped(monkeypatch, slip, jump, is_lost):
-    slam, turn = make_slam("hector", LIDAR, 0.05), Pose2D(0.0, 0.0, 1.0)
-    *_, (pose, _) = follow(slam, [turn] * 5)
-    match = Hector._match_map
-
-    def match_aside(self, ranges, predicted):
-        return match(self, ranges, predicted)._replace(x=predicted.x + jump, y=predicted.y)
-
-    monkeypatch.setattr(Hector, "_match_map", match_aside)
+@pytest.mark.parametrize(("shift", "jump", "is_lost"), [(0.9, 0.5, True), (0.9, 0.3, False), (0.0, 0.5, False)])
+def test_a_match_far_from_odometry_with_beams_through_walls_does_not_fit(grid, shift, jump, is_lost):
+    monitor, pose = LocalizationMonitor(LIDAR), Pose2D(-1.0, -1.0, 1.0)
+    matched = Pose2D(pose.x, pose.y + shift, pose.theta)
     for _ in range(LOST_SCANS):
-        pose, slam.slip = pose.compose(turn), slip
-        belief = slam.update(see(pose), turn)
-    assert belief.is_lost == is_lost
+        monitor.update(scan(pose), Pose2D(matched.x + jump, matched.y, matched.theta), matched, True, grid)
+    assert monitor.is_lost == is_lost
 
 
 NOTHING = np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
