@@ -34,6 +34,7 @@ from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam import KnownPoses, TinySlamParams
 from lidarnaut.envs.tasks.goals import known_map
 from lidarnaut.envs.worlds import load_world
+from lidarnaut.envs.worlds.world import box, edges
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
 TRACKING_TIME, KIDNAPPED_AT, RECOVERY_TIME = 60.0, 20.0, 90.0
@@ -42,6 +43,8 @@ MAX_POSITION_ERROR, MAX_HEADING_ERROR = 0.5, math.radians(20.0)
 """Maximum errors of a correct pose estimate [m, rad]."""
 MIN_CORRECT_TIME = 5.0
 """A localization succeeds if the pose estimate is correct for at least this time until the end of the drive [s]."""
+CUPBOARD_DISTANCES, CUPBOARD_LENGTHS, CUPBOARD_DEPTHS = (1.5, 4.0), (0.8, 2.0), (0.4, 0.6)
+"""Cupboards that the map lacks: distance from the start, length and depth [m]."""
 START_STD = (0.05, 0.05, 0.05)
 """Standard deviations of AMCL's initial pose (x, y, heading) in simulated worlds [m, m, rad]."""
 LOG_START_STD = (0.1, 0.1, 0.05)
@@ -98,9 +101,26 @@ def load_known_world(name: str, physics: str = "kinematic") -> Setup:
     return make_setup(replace(world, bounds=tuple(bounds.tolist())), choose_robot(None, name), physics)
 
 
-def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: float) -> Drive:
+def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: float, cupboards: int = 0) -> Drive:
     rng_simulator, rng_driver = map(np.random.default_rng, seed.spawn(2))
-    return record(setup, setup.area.draw_pose(rng_driver), rng_simulator, rng_driver, duration)
+    start = setup.area.draw_pose(rng_driver)
+    return record(add_cupboards(setup, start, cupboards, rng_driver), start, rng_simulator, rng_driver, duration)
+
+
+def add_cupboards(setup: Setup, start: Pose2D, count: int, rng: np.random.Generator) -> Setup:
+    """Add cupboards around a start pose; each leaves the robot at least 90 % of the area that it reached before."""
+    while count > 0:
+        area, world = setup.area, replace(setup.world, spawns=(start,))
+        centres = area.walls.centers(np.argwhere(area.traversable))
+        low, high = CUPBOARD_DISTANCES
+        distances = np.hypot(*(centres - start[:2]).T)
+        x, y = rng.choice(centres[(distances >= low) & (distances <= high)])
+        size = rng.uniform(*CUPBOARD_LENGTHS), rng.uniform(*CUPBOARD_DEPTHS)
+        sides = edges(box(x, y, *size, rng.integers(2) * math.pi / 2))
+        changed = make_setup(replace(world, segments=np.vstack([world.segments, sides])), setup.robot, setup.physics)
+        if changed.area.traversable.sum() >= 0.9 * area.traversable.sum():
+            setup, count = changed, count - 1
+    return setup
 
 
 def symmetries(grid: OccupancyGrid, share: float = 0.9) -> list[Pose2D]:
@@ -130,6 +150,7 @@ def compare_amcl(
     physics: Literal["kinematic", "bullet"] = "kinematic",
     preset: str = "default",
     first_seed: int = 0,
+    cupboards: int = 0,
 ) -> list[Row]:
     """Measure AMCL in known worlds: pose tracking, global localization and kidnapped robots.
 
@@ -140,15 +161,17 @@ def compare_amcl(
         physics: simulator.
         preset: parameter preset of AMCL.
         first_seed: seed of the first run.
+        cupboards: number of cupboards that the map lacks, near each start.
     """
     rows = []
     for world in worlds:
-        tasks = [(world, preset, physics, seed) for seed in range(first_seed, first_seed + runs)]
+        tasks = [(world, preset, physics, seed, cupboards) for seed in range(first_seed, first_seed + runs)]
         found = run_each(run, tasks, jobs, world)
         done = {key: np.array([one[key] for one in found]) for key in found[0]}
         row: Row = {"world": world, "symmetries": len(symmetries(known_map(load_known_world(world, physics).area)))}
         row |= {f"tracking_rmse_{unit}": rms(done[f"tracking_{unit}"]) for unit in ("m", "deg")}
         row |= {f"tracking_worst_run_{unit}": float(done[f"tracking_{unit}"].max()) for unit in ("m", "deg")}
+        row["tracking_max_m"] = float(done["tracking_max_m"].max())
         for what in ("global_after", "kidnapped_after", "kidnapped_noticed_after"):
             row |= {f"{what}_median_s": time_quantile(done[what], 0.5), f"{what}_p90_s": time_quantile(done[what], 0.9)}
         for what in ("global_after", "global_after_up_to_symmetry", "kidnapped_after"):
@@ -164,13 +187,13 @@ def time_quantile(times: Sequence[float], share: float) -> float | None:
     return float(np.quantile(np.nan_to_num(times), share))
 
 
-def run(world: str, preset: str, physics: str, seed: int) -> Row:
+def run(world: str, preset: str, physics: str, seed: int, cupboards: int = 0) -> Row:
     """Measure AMCL in one world with one seed: pose tracking, global localization and a kidnapped robot."""
     setup = load_known_world(world, physics)
     grid, amcl = known_map(setup.area), Amcl(setup.robot.lidar, load_preset(preset))
     first, second = np.random.SeedSequence(seed).spawn(2)
-    drive = record_from_anywhere(setup, first, TRACKING_TIME)
-    elsewhere = record_from_anywhere(setup, second, RECOVERY_TIME)
+    drive = record_from_anywhere(setup, first, TRACKING_TIME, cupboards)
+    elsewhere = record_from_anywhere(setup, second, RECOVERY_TIME, cupboards)
 
     tracked = localize(amcl, grid, drive, seed, START_STD)
     distance, angle = trajectory_errors(tracked["poses"], drive.truth)
@@ -187,6 +210,7 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
     wrong = np.concatenate([~is_right & ~found["is_lost"], ~is_right_again & ~is_lost_again])
     return {
         "tracking_m": rms(distance),
+        "tracking_max_m": float(distance.max()),
         "tracking_deg": math.degrees(rms(angle)),
         "lost_while_right": float(np.mean(tracked["is_lost"] & _is_right(tracked["poses"], drive.truth))),
         "global_after": right_since(is_right, MIN_CORRECT_TIME),

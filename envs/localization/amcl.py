@@ -22,7 +22,7 @@ from .beam_model import BeamModel
 from .clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance, resample
 from .likelihood_field import LikelihoodField
 from .motion_model import move_particles
-from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
+from .rivals import MIN_LEAD, NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals, share_crossed
 
 _MIN_HITS = 5
 _WIDE_FACTOR = 4.0
@@ -33,7 +33,16 @@ INITIAL_STD = (0.5, 0.5, math.radians(15.0))
 """Standard deviations of the initial pose [m, m, rad], as in Nav2."""
 MAX_SPREAD = 0.5
 """Position spread (RMS) of the heaviest particle cluster above which the robot is lost [m]."""
+MIN_MERIT = 0.2
+"""Minimum fit of a tracked pose in a changed place, minus the share of beams through mapped obstacles."""
+FIT_DROP, FIT_RISE = 0.1, 0.1 / 30
+"""Fit that starts the next search for a better pose: distance below the fit at the last search, and rise per update."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
+
+
+def _mean(shares: deque[float]) -> float:
+    # `sum` rounds differently since Python 3.12.
+    return functools.reduce(operator.add, shares) / len(shares) if shares else math.nan
 
 
 class _MapTables:
@@ -68,6 +77,7 @@ class Amcl(Estimator):
         self.params = params
         self._lidar = lidar
         self._tables: _MapTables
+        self._least_fit: float = params.lost_fit
         self._bins = np.empty(params.most_particles, dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
         self.cluster_weight: float
@@ -78,8 +88,7 @@ class Amcl(Estimator):
     @property
     def fit(self) -> float:
         """Share of beam end points of recent scans near mapped obstacles; NaN before convergence."""
-        # `sum` rounds differently since Python 3.12.
-        return functools.reduce(operator.add, self._fits) / len(self._fits) if self._fits else math.nan
+        return _mean(self._fits)
 
     @property
     def _has_converged(self) -> bool:
@@ -145,10 +154,12 @@ class Amcl(Estimator):
             self._moved = ORIGIN
             if self._rivals is not None:
                 self._rivals.add(ranges, moved)
+            self._scans.append((ranges.copy(), moved))
             self._correct(ranges)
             if self._rivals is not None:
                 self._compare(self._rivals, ranges)
-            if len(self._fits) == params.lost_updates and self.fit < params.lost_fit:
+            self._least_fit = min(max(self._least_fit + FIT_RISE, self.fit - FIT_DROP), params.lost_fit)
+            if len(self._fits) == params.lost_updates and self.fit < self._least_fit:
                 self._recover(ranges)
         else:
             self.belief.pose = self._in_map(self._local_pose).compose(moved)
@@ -205,7 +216,10 @@ class Amcl(Estimator):
         self._weights = np.full(count, 1.0 / count)
         self._num_updates = 0
         self._slow = self._fast = 0.0
+        self._least_fit = self.params.lost_fit
         self._fits: deque[float] = deque(maxlen=self.params.lost_updates)
+        self._merits: deque[float] = deque(maxlen=self.params.lost_updates)
+        self._scans: deque[tuple[np.ndarray, Pose2D]] = deque(maxlen=self.params.lost_updates)
 
     def _correct(self, ranges: np.ndarray) -> None:
         weigh = self._tables.sensor_model(ranges)
@@ -237,11 +251,31 @@ class Amcl(Estimator):
         self._weights = np.full(count, 1.0 / count)
 
     def _recover(self, ranges: np.ndarray) -> None:
-        if self.params.relocalize or self._has_left():
+        if self._rivals is None and self.params.relocalize and not self._has_left():
+            self._look_elsewhere(ranges)
+        elif self.params.relocalize or self._has_left():
             self._start(None)
             self._correct(ranges)
         elif self._rivals is None and self.params.alpha_slow > 0.0:
             self._rivals = Rivals(self._tables.field, self.params.lost_updates)
+
+    def _look_elsewhere(self, ranges: np.ndarray) -> None:
+        """Give up the tracked pose if another one explains the scans since the fit fell clearly better."""
+        rivals = Rivals(self._tables.field, self.params.lost_updates, MIN_LEAD)
+        first = next(k for k, share in enumerate(self._fits) if share < self.params.lost_fit)
+        for scan, moved in list(self._scans)[first - len(self._fits) :]:
+            rivals.add(scan, moved)
+        rivals.update(self._local_pose, self.rng, self._tables.area, self._draw_anywhere)
+        if len(rivals.poses) > 1:
+            rivals.least_lead = -TOLERANCE
+            self._start_at_rival(rivals, ranges)
+        else:
+            self._least_fit = self.fit - FIT_DROP
+
+    def _start_at_rival(self, rivals: Rivals, ranges: np.ndarray) -> None:
+        self._start(Pose2D(*(rivals.poses[1] + self._origin)), _RIVAL_COVARIANCE)
+        self._rivals = rivals
+        self._correct(ranges)
 
     def _has_left(self) -> bool:
         tables = self._tables
@@ -254,9 +288,7 @@ class Amcl(Estimator):
             return
         rivals.update(self._local_pose, self.rng, tables.area, self._draw_anywhere)
         if len(rivals.poses) > 1 and rivals.leads[1] > TOLERANCE:
-            self._start(Pose2D(*(rivals.poses[1] + self._origin)), _RIVAL_COVARIANCE)
-            self._rivals = rivals
-            self._correct(ranges)
+            self._start_at_rival(rivals, ranges)
         elif rivals.num_empty >= NUM_SEARCHES and is_full and fits:
             self._rivals, self.belief.is_lost = None, not self._has_converged
 
@@ -274,13 +306,20 @@ class Amcl(Estimator):
         if self._rivals is None and covariance[0, 0] + covariance[1, 1] > _WIDE_FACTOR**2 * MAX_SPREAD**2:
             self._rivals = Rivals(tables.field, self.params.lost_updates)
         share, hits = (0.0, 0) if ranges is None or not has_converged else tables.field.fit(ranges, local)
-        if hits >= _MIN_HITS:
+        if ranges is not None and hits >= _MIN_HITS:
             self._fits.append(share)
+            self._merits.append(share)
+            if share < self.params.lost_fit:
+                self._merits[-1] -= share_crossed(tables.field, ranges, local)
         elif ranges is not None and self._has_left():
             self._fits.append(0.0)
+            self._merits.append(0.0)
         elif not has_converged:
             self._fits.clear()
-        belief.is_lost = not (has_converged and self._rivals is None) or self.fit < self.params.lost_fit
+            self._merits.clear()
+        belief.is_lost = not (has_converged and self._rivals is None) or (
+            self.fit < self.params.lost_fit and not (self.params.relocalize and _mean(self._merits) >= MIN_MERIT)
+        )
 
     def _in_map(self, local: Pose2D) -> Pose2D:
         x, y, _ = self._origin.tolist()

@@ -69,13 +69,14 @@ class AmclParams:
     lost_distance: NotNegative = 0.2
     """Beam end points up to this distance from a mapped obstacle fit the map [m]."""
     lost_fit: Share = 0.5
-    """Minimum share of beam end points of recent scans that fit the map. Below this share, the robot is lost."""
+    """Minimum share of beam end points of recent scans that fit the map. Below this share, the robot is lost, or, with
+    `relocalize`, searched for elsewhere."""
     lost_updates: Count = 5
     """Number of recent scans over which the fit to the map is averaged. Global localization takes at least as many
     scans."""
     relocalize: bool = False
-    """Whether to restart global localization if recent scans do not fit the map. If no particle is in free space, it
-    always restarts."""
+    """Whether to search for another pose if recent scans do not fit the map. A tracked pose is given up only for a pose
+    that explains them clearly better. If no particle is in free space, global localization always restarts."""
 
     def __post_init__(self) -> None:
         for name in ("max_particles", "global_particles"):

@@ -13,6 +13,8 @@ from .likelihood_field import MAX_ENTRY, LikelihoodField, sum_fields
 
 TOLERANCE = 0.03
 """Alternative poses that score lower than the estimated pose by more than this are discarded; scores are at most 1."""
+MIN_LEAD = 0.35
+"""A tracked pose is given up only for a pose that scores higher by more than this."""
 MIN_SEPARATION, MIN_SEPARATION_ANGLE = 0.5, math.radians(20.0)
 """Poses within this distance [m] and heading difference [rad] count as one pose."""
 MAX_RIVALS = 20
@@ -66,6 +68,15 @@ def count_crossed(field, hits, lidars, margin, pose):
     return count
 
 
+def share_crossed(field: LikelihoodField, ranges: np.ndarray, pose: Pose2D) -> float:
+    """Return the share of a scan's beams with a return that pass through mapped obstacles, for a pose."""
+    geometry, (points, count) = field.beams.geometry, field.beams.hits(ranges)
+    mount = np.array([[geometry.mount_x], [geometry.mount_y]], dtype=np.float32) / np.float32(geometry.resolution)
+    margin, lidars = MAX_PENETRATION / geometry.resolution, np.repeat(mount, count, axis=1)
+    crossed = count_crossed(field.table, points[:, :count].copy(), lidars, margin, np.array(pose, dtype=np.float32))
+    return crossed / max(count, 1)
+
+
 def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Return a mask of `poses`, shape (3, n), that differ from `pose` by more than 0.5 m or 20 degrees."""
     x, y, turn = poses - pose
@@ -93,7 +104,9 @@ class Rivals:
     through obstacles.
     """
 
-    def __init__(self, field: LikelihoodField, num_scans: int) -> None:
+    def __init__(self, field: LikelihoodField, num_scans: int, least_lead: float = -TOLERANCE) -> None:
+        self.least_lead = least_lead
+        """Poses whose score minus the estimated pose's is lower than this are discarded."""
         self._beams, self._table = field.beams, field.table
         self._scans: deque[np.ndarray] = deque(maxlen=num_scans)
         self._num_scans, self._num_updates = num_scans, 0
@@ -166,14 +179,14 @@ class Rivals:
     def _choose(self, own: np.ndarray, poses: np.ndarray) -> None:
         poses = np.hstack([own, poses])
         scores = self._score(poses, self._hits)
-        poses = poses[:, scores >= scores[0] - 2.0 * TOLERANCE]
+        poses = poses[:, scores >= scores[0] + 2.0 * min(self.least_lead, 0.0)]
         scored = self._table, self._hits, self._lidars, MAX_PENETRATION / self._table.resolution
-        crossed = np.array([count_crossed(*scored, pose) for pose in poses.T])
+        crossed = np.array([count_crossed(*scored, pose) for pose in poses.T.copy()])
         leads = self._score(poses, self._hits) - crossed / max(self._hits.shape[1], 1)
         leads -= leads[0]
         chosen = [0]
         for k in np.argsort(-leads, kind="stable").tolist():
-            if leads[k] < -TOLERANCE or len(chosen) > MAX_RIVALS:
+            if leads[k] < self.least_lead or len(chosen) > MAX_RIVALS:
                 break
             if are_apart(poses[:, chosen], poses[:, [k]]).all():
                 chosen.append(k)

@@ -38,6 +38,8 @@ NEAR_DISTANCE = 2.0
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
 """Evidence to accept a relocalized pose: minimum near the odometry pose, minimum elsewhere, and maximum from one
 search. Evidence is the fit to the map minus the fit of the best alternative, summed over searches that agree."""
+GOOD_FIT = 0.9
+"""The lead of a pose with a lower fit counts half: another part of the building may look similar."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
 """Distance [m] and angle [rad] below which two candidate poses of relocalization count as equal."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
@@ -55,8 +57,14 @@ SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 FOUND_STD = (0.1, 0.1, 0.03)
 """Standard deviations of a relocalized pose [m, m, rad]."""
 ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
+ACCEPTANCE_PARTLY_KNOWN = LoopClosureParams(min_score=0.4, min_occupied=0.5, max_free=0.02, min_agreement=0.95)
+LEAST_KNOWN_BEAMS = 0.65
+"""Criterion for poses where part of the scan points lies in unknown cells, if at least this fraction of the beams runs
+mostly through known cells. Poses outside of the mapped area also have few points in free cells."""
 MAX_ACCEPTED_CROSSING = 0.08
-"""Maximum fraction of beams through occupied cells at a relocalized pose."""
+"""Maximum fraction of beams through occupied cells at a relocalized pose, and at a matched pose after a jump."""
+MAX_JUMP = 0.4
+"""Distance of a matched pose from the odometry pose that is a jump, as after a kidnapping to a similar place [m]."""
 
 
 class LocalizationMonitor:
@@ -112,6 +120,8 @@ class LocalizationMonitor:
                 is_consistent = fits and judged >= LEAST_JUDGED and crossing <= MAX_ACCEPTED_CROSSING * judged
                 self._num_consistent = self._num_consistent + 1 if is_consistent else 0
             else:
+                if distance(pose[0] - predicted.x, pose[1] - predicted.y) > MAX_JUMP:
+                    fits = fits and crossing <= MAX_ACCEPTED_CROSSING * judged
                 is_crossing = judged >= LEAST_JUDGED and crossing > MAX_CROSSING * judged
                 self._num_crossing = self._num_crossing + 1 if is_crossing else 0
                 if self._num_crossing >= CROSSING_SCANS:
@@ -160,22 +170,24 @@ class Relocalizer:
         if grid is None or len(self._scans) < self._next:
             return None
         found, lead = self.search(grid)
-        self._interval = SEARCH_EVERY if found is not None else min(2 * self._interval, MAX_INTERVAL)
+        is_clear = found is not None and lead >= LEAST_LEAD
+        self._interval = SEARCH_EVERY if is_clear else min(2 * self._interval, MAX_INTERVAL)
         self._next = len(self._scans) + self._interval
         if found is None:
             self._evidence = 0.0
+        if found is None or not is_clear:  # an ambiguous place does not contradict an earlier result
             return None
         before, there = self._found
         if has_moved(*before.compose(there.between(pose)), *found, AGREEMENT_DISTANCE, AGREEMENT_ANGLE):
             self._evidence = 0.0
-        self._found, self._evidence = (found, pose), self._evidence + min(lead, MAX_LEAD)
+        self._found, self._evidence = (found, pose), self._evidence + lead
         is_near = distance(found.x - pose.x, found.y - pose.y) <= NEAR_DISTANCE
         return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
     def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
         """Search the whole map for the robot; return its pose, map frame, and lead in fit over the next-best pose.
 
-        The pose belongs to the last scan; it is None if the fit is poor or ambiguous.
+        The pose belongs to the last scan; it is None if the fit is poor.
         """
         last = len(self._scans) - 1
         points = self._scans.joined_points(max(last + 1 - NUM_SCANS, 0), last, math.inf, MAX_POINTS)
@@ -187,7 +199,7 @@ class Relocalizer:
         found = [search_around(heading) for heading in SEARCH_HEADINGS]
         fits = [fit(result.pose) for result in found if result.pose]
         best = max(fits, default=None)
-        if best is None or best.crossing > MAX_ACCEPTED_CROSSING or not is_accepted(best.shares, ACCEPTANCE):
+        if best is None or not best.is_accepted:
             return None, 0.0
         least = max(result.score for result in found) - RIVAL_SCORE_MARGIN
         for heading, result in zip(SEARCH_HEADINGS, found):
@@ -195,31 +207,41 @@ class Relocalizer:
                 rival = search_around(heading, least, (*result.pose, RIVAL_DISTANCE, RIVAL_ANGLE)).pose
                 fits += [fit(rival)] if rival else []
         rivals = (fit.merit for fit in fits if has_moved(*best.pose, *fit.pose, AGREEMENT_DISTANCE, AGREEMENT_ANGLE))
-        lead = best.merit - max(rivals, default=-math.inf)
-        return (best.pose if lead >= LEAST_LEAD else None), lead
+        lead = min(best.merit - max(rivals, default=-math.inf), MAX_LEAD)
+        return best.pose, lead if best.merit >= GOOD_FIT else 0.5 * lead
 
     def _fit(self, field: Field, pyramid: Pyramid, points: np.ndarray, rough: Pose2D) -> "_Fit":
         window = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
         pose = search(pyramid, points, rough, window, 0.0, MAX_EVALUATIONS).pose or rough
-        shares, crossing = hit_shares(field, points, pose), self._crossing(field, pose)
+        shares, (crossing, known_beams) = hit_shares(field, points, pose), self._beam_shares(field, pose)
         known = max(shares.occupied + shares.free, 1e-9)
-        return _Fit((shares.occupied - shares.free) / known - crossing, crossing, shares, pose)
+        return _Fit((shares.occupied - shares.free) / known - crossing, crossing, known_beams, shares, pose)
 
-    def _crossing(self, field: Field, pose: Pose2D) -> float:
+    def _beam_shares(self, field: Field, pose: Pose2D) -> tuple[float, float]:
+        """Return the share of beams through occupied cells, and the share of beams that are tested for that."""
         last = len(self._scans) - 1
         to_map = pose.compose(Pose2D(*self._scans.poses[last].tolist()).inverse())
-        counts = np.zeros(2)
+        counts, num_beams = np.zeros(2), 0
         for k in range(max(last + 1 - NUM_SCANS, 0), last + 1):
             there = to_map.compose(Pose2D(*self._scans.poses[k].tolist()))
-            counts += count_crossings(field, self._scans.ranges[k], self._geometry, tuple(there))
-        return float(counts[0] / max(counts[1], 1.0))
+            ranges = self._scans.ranges[k]
+            counts += count_crossings(field, ranges, self._geometry, tuple(there))
+            num_beams += int(np.count_nonzero(ranges > 0.0))
+        return float(counts[0] / max(counts[1], 1.0)), float(counts[1] / max(num_beams, 1))
 
 
 class _Fit(NamedTuple):
     merit: float
     crossing: float
+    known_beams: float
     shares: HitShares
     pose: Pose2D
+
+    @property
+    def is_accepted(self) -> bool:
+        is_known = is_accepted(self.shares, ACCEPTANCE)
+        is_partly = self.known_beams >= LEAST_KNOWN_BEAMS and is_accepted(self.shares, ACCEPTANCE_PARTLY_KNOWN)
+        return self.crossing <= MAX_ACCEPTED_CROSSING and (is_known or is_partly)
 
 
 def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResult]:

@@ -52,7 +52,7 @@ def distance(amcl, pose):
     return math.dist(amcl.belief.pose[:2], pose[:2])
 
 
-def _circle(steps=100, start=START):
+def circle(steps=100, start=START):
     """Yield true poses and slightly wrong odometry."""
     pose = start
     rng = np.random.default_rng(9)
@@ -66,7 +66,7 @@ def _circle(steps=100, start=START):
 
 def _follow(amcl, steps=100, **kwargs):
     errors = []
-    for pose, motion in _circle(steps):
+    for pose, motion in circle(steps):
         estimate = amcl.update(see(pose, **kwargs), motion)
         off = estimate.pose.between(pose)
         errors.append((math.hypot(off.x, off.y), abs(off.theta)))
@@ -141,7 +141,7 @@ def test_a_kidnapped_robot_relocalizes(changes):
     _, estimate = _follow(amcl, 60)
     assert not estimate.is_lost
     was_lost = []
-    for pose, motion in _circle(250, Pose2D(5.2, 0.8, 0.3)):
+    for pose, motion in circle(250, Pose2D(5.2, 0.8, 0.3)):
         was_lost.append(amcl.update(see(pose), motion).is_lost)
     assert any(was_lost[:60])
     assert distance(amcl, pose) < 0.2
@@ -175,7 +175,7 @@ def test_it_does_not_matter_where_the_map_lies(params, is_known):
         moved = OccupancyGrid(MAP.data, MAP.resolution, (MAP.origin[0] + x, MAP.origin[1] + y))
         start = Pose2D(START.x + x, START.y + y, START.theta) if is_known else None
         amcl, rows = started(0, start, moved, params=params, global_particles=None), []
-        for pose, motion in _circle(25):
+        for pose, motion in circle(25):
             belief = amcl.update(see(pose), motion)
             rows.append((belief.pose.x - x, belief.pose.y - y, belief.pose.theta, belief.is_lost))
         found.append(rows)
@@ -208,7 +208,7 @@ def test_a_filter_whose_particles_have_all_left_the_free_space_starts_anew(name,
     amcl.update(see(START), Pose2D(0.0, 0.0, 0.0))
     amcl.update(see(START), jump)
     lost = []
-    for pose, motion in itertools.islice(_circle(400), 1, 400):
+    for pose, motion in itertools.islice(circle(400), 1, 400):
         reading = see(pose) if blind is None or len(lost) > 60 else Reading.of_scan(blind)
         lost.append(amcl.update(reading, motion).is_lost)
     assert all(lost[:10])
@@ -221,7 +221,7 @@ def test_a_robot_in_a_gap_of_the_map_that_its_scans_fit_is_tracked():
         data[:, col + 5 :][data[:, col + 5 :] == 0] = -1
 
     amcl = started(grid=changed_map(forget_beyond))
-    for pose, motion in itertools.islice(_circle(60), 60):
+    for pose, motion in itertools.islice(circle(60), 60):
         assert not amcl.update(see(pose), motion).is_lost
         assert distance(amcl, pose) < 0.1
 
@@ -240,7 +240,7 @@ def test_a_robot_that_stands_still_only_follows_odometry():
 
 def test_resample_interval_keeps_weights_in_between():
     amcl, resampled = started(5, resample_interval=3), []
-    for pose, motion in _circle(40):
+    for pose, motion in circle(40):
         amcl.update(see(pose), motion)
         if amcl.is_corrected:
             resampled.append(bool(np.ptp(amcl.weights) < 1e-12))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from lidarnaut.benchmarks.drives.slams import kidnap
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.slam import HectorParams, make_slam
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
-from lidarnaut.envs.slam.relocalization import LocalizationMonitor, Relocalizer
+from lidarnaut.envs.slam.relocalization import LOST_SCANS, LocalizationMonitor, Relocalizer
 from tests.slam.rooms import BOX, LIDAR, ROOM, STAY, follow, scan, see
 
 MOTION = Pose2D(0.15, 0.0, -0.25)
@@ -39,6 +39,51 @@ def test_another_room_is_not_taken_for_this_one(grid):
         walls = [(0.4 * x0, 1.3 * y0, 0.4 * x1, 1.3 * y1) for x0, y0, x1, y1 in ROOM]
         ranges = scan(Pose2D(0.02 * k, 0.0, 0.0), walls=walls)
         assert relocalizer.update(ranges, Pose2D(0.02 * k, 0.0, 0.0), grid) is None
+
+
+def test_a_pose_is_found_on_a_map_that_lacks_a_part_of_the_room(grid):
+    data = grid.data.copy()
+    _, col = grid.cells(np.array([0.9, 0.0]))
+    data[:, col:] = -1
+    partial_map, start = OccupancyGrid(data, grid.resolution, grid.origin), Pose2D(-1.6, 1.2, 2.0)
+    relocalizer, pose, by_odometry = Relocalizer(LIDAR), start, STAY
+    for _ in range(30):
+        found = relocalizer.update(scan(pose), by_odometry, partial_map)
+        if found is not None:
+            break
+        pose, by_odometry = pose.compose(Pose2D(0.05, 0.0, 0.1)), by_odometry.compose(Pose2D(0.05, 0.0, 0.1))
+    assert math.dist(found[:2], pose[:2]) < 0.06
+    assert math.cos(found.theta - pose.theta) > math.cos(0.03)
+
+
+@pytest.mark.parametrize(
+    ("results", "is_found"),
+    [
+        ([0.25, 0.25, 0.01, 0.25, 0.25], True),
+        ([0.25, 0.25, None, 0.25, 0.25], False),
+        ([0.04] * 30, False),
+    ],
+)
+def test_an_ambiguous_search_keeps_the_evidence_and_a_poor_one_does_not(grid, monkeypatch, results, is_found):
+    answers = iter(results)
+
+    def search(self, grid):
+        lead = next(answers, None)
+        return (None, 0.0) if lead is None else (Pose2D(9.0, 0.0, 0.0), lead)
+
+    monkeypatch.setattr(Relocalizer, "search", search)
+    relocalizer = Relocalizer(LIDAR)
+    found = [relocalizer.update(NOTHING, STAY, grid) for _ in range(300)]
+    assert any(pose is not None for pose in found) == is_found
+
+
+@pytest.mark.parametrize(("shift", "jump", "is_lost"), [(0.9, 0.5, True), (0.9, 0.3, False), (0.0, 0.5, False)])
+def test_a_match_far_from_odometry_with_beams_through_walls_does_not_fit(grid, shift, jump, is_lost):
+    monitor, pose = LocalizationMonitor(LIDAR), Pose2D(-1.0, -1.0, 1.0)
+    matched = Pose2D(pose.x, pose.y + shift, pose.theta)
+    for _ in range(LOST_SCANS):
+        monitor.update(scan(pose), Pose2D(matched.x + jump, matched.y, matched.theta), matched, True, grid)
+    assert monitor.is_lost == is_lost
 
 
 NOTHING = np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
