@@ -24,10 +24,7 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
         "lidarnaut.envs.decisions.explore_team_frontiers:ExploreTeamFrontiersEnv",
         {},
     ),
-    "lidarnaut/ExploreFrontiersAbstract-v0": (
-        "lidarnaut.envs.decisions.abstract:ExploreFrontiersAbstractEnv",
-        {},
-    ),
+    "lidarnaut/ExploreFrontiersAbstract-v0": ("lidarnaut.envs.decisions.abstract:ExploreFrontiersAbstractEnv", {}),
     "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.navigate:Navigate"}),
     "lidarnaut/Dock-v0": (LIDAR_ENV, {"task": _DOCK, "world": "tugbot_warehouse", "robot": "tugbot"}),
     "lidarnaut/Sweep-v0": (LIDAR_ENV, {"task": _SWEEP, "world": "aws_small_house", "robot": "create3"}),

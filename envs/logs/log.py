@@ -16,13 +16,7 @@ from lidarnaut.envs.robots import LidarParams, Mount
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
 from .scans import Limits, LogContent, Scan, advise_on_zeros, common_beams, deskewed, usable_scans
-from .trajectory import (
-    MAX_SPEEDS,
-    bridge_glitches,
-    describe_jump_back,
-    find_gaps,
-    interpolate_poses,
-)
+from .trajectory import MAX_SPEEDS, bridge_glitches, describe_jump_back, find_gaps, interpolate_poses
 
 MAX_STEP = 100.0
 """Maximum odometry distance between successive scans of a valid log [m]."""

@@ -24,7 +24,6 @@ MAX_GLITCH = 2.0
 """Maximum duration of an odometry glitch that is interpolated [s]."""
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
 """Odometry does not cover gaps that last longer than this time [s] while the robot moves farther than this [m, rad]."""
-
 NUM_PARTS = 20
 """Number of parts of a path whose scales are compared."""
 

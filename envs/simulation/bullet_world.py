@@ -15,7 +15,6 @@ from .contact import select_near
 
 GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
 """PyBullet collision groups. Wheels and casters (`ROLLING`) touch only the ground."""
-
 _MESH_RECTANGLES = 30_000
 """Maximum number of wall rectangles per collision mesh. PyBullet allows 131,072 vertices."""
 _MAX_RECTANGLES = 100_000
