@@ -97,8 +97,12 @@ def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[li
     if len(scans) > 1 and frame != laser_frame:
         names = ", ".join(sorted(scans))
         raise bag.error(f"{topic} holds scans of several frames: {names}; choose one by laser_frame (--laser-frame)")
-    order = _time_order(bag, topic, [scan.time for scan in scans[frame]])
-    return [scans[frame][k] for k in order], frame
+    times = [scan.time for scan in scans[frame]]
+    if fault := describe_jump_back(np.array(times), "message"):
+        raise bag.error(f"{topic}: {fault}")
+    if len(times) > 1 and min(times) == max(times):
+        raise bag.error(f"{topic}: all messages have the stamp {times[0]:.3f} s")
+    return [scans[frame][k] for k in np.argsort(times, kind="stable")], frame
 
 
 def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:

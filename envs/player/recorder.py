@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from types import TracebackType
 from typing import Any
 
 import gymnasium
@@ -48,9 +47,7 @@ class EpisodeRecorder:
         self._env.on_period = self._record
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._env.on_period = self._before
 
     def _record(self, commands: Sequence[Twist] | None) -> None:

@@ -122,10 +122,6 @@ class LoopSearch:
             self._searched[submap] = node
             self.queue.append((node, submap, window))
 
-    def search_next(self) -> Loop | None:
-        """Run the oldest queued search; return the loop closure if accepted."""
-        return self.match(*self.queue.popleft()) if self.queue else None
-
     def _candidates(self, node: int, count: int) -> list[tuple[int, tuple[float, float]]]:
         params, nodes = self._params, self._nodes
         if count <= 0:
