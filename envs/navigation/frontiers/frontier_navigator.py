@@ -212,7 +212,8 @@ class FrontierNavigator:
         if memory.num_looks == MAX_LOOKS or not len(met) or not is_left:
             return False
         memory.num_looks += not goes_on
-        planning.look_again_at(memory.look_again())
+        planning.look_again_at(memory.given_up)
+        memory.given_up = memory.failures = NO_POINTS
         height, width = planning.occupancy.shape
         if not self._has_start:
             self.navigator.spin()
@@ -382,7 +383,7 @@ class FrontierNavigator:
             planning.refresh()
             reach = math.ceil(self._look_radius / planning.side - 1e-9)
             given_up = planning.grid.centers(frontier_near(planning.frontier, *planning.cell(*self.target), reach))
-            self._memory.give_up(given_up)
+            self._memory.given_up = np.vstack([self._memory.given_up, given_up])
             planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> bool:

@@ -32,15 +32,6 @@ class FrontierMemory:
         self.failures = np.vstack([self.failures, target])
         return int(np.count_nonzero(np.hypot(*(self.failures - target).T) <= RETRY_RADIUS))
 
-    def give_up(self, points: np.ndarray) -> None:
-        """Store ignored frontier cells, shape (n, 2) [m]."""
-        self.given_up = np.vstack([self.given_up, points])
-
-    def look_again(self) -> np.ndarray:
-        """Forget failed drives and ignored cells, and return these cells, shape (n, 2) [m]."""
-        given_up, self.given_up, self.failures = self.given_up, NO_POINTS, NO_POINTS
-        return given_up
-
     def correct(self, correction: Correction) -> None:
         """Move the positions with the map; ignored cells stay."""
         self.failures = correction.apply(self.failures)

@@ -51,8 +51,6 @@ APPROACH_DISTANCE = 0.3
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Search around the goal: distance between search points, and maximum path length to the next point [m]."""
 HOME = (0.0, 0.0)
-
-
 ON_KNOWN_MAPS = PlanningParams(cell=0.05, tight_radii=(1.0, 0.75))
 ON_GROWING_MAPS = PlanningParams(
     cell=0.05, padding=0.0, tight_radii=(0.9, 0.5, 0.25), marking_range=8.0, clearing_range=8.5
@@ -60,8 +58,6 @@ ON_GROWING_MAPS = PlanningParams(
 """Planning parameters for growing maps: mark obstacles up to 8 m away, allow gaps as narrow as the footprint."""
 NUM_FITTING = 2
 """Number of footprint radii, from the largest, tried first on growing maps. Smaller radii are a last resort."""
-
-
 MakePlanner = Callable[[RobotParams, float, np.random.Generator], LocalPlanner]
 LOCAL_PLANNERS: dict[str, MakePlanner] = {
     "rpp": lambda robot, period, _: PathFollower(robot, period),
@@ -114,10 +110,7 @@ class GoalNavigator(Explorer):
     """
 
     def __init__(
-        self,
-        params: GoalParams = GoalParams(),
-        planning: PlanningParams | None = None,
-        dwb: DwbParams = DwbParams(),
+        self, params: GoalParams = GoalParams(), planning: PlanningParams | None = None, dwb: DwbParams = DwbParams()
     ) -> None:
         """Create a navigator. `planning`: parameters; None for defaults that depend on whether the map is known."""
         self.params, self.planning = params, planning
@@ -230,7 +223,10 @@ class GoalNavigator(Explorer):
         pose, navigator = belief.pose, self._navigator
         has_failed = self._sense(reading, pose)
         self._track(reading.ranges)
-        if self._is_blind(reading.ranges) or not self.is_driving:
+        self._blind_steps = self._blind_steps + 1 if np.isnan(reading.ranges).all() else 0
+        if self._blind_steps * self._period > self.params.blind_time and self.is_driving:
+            self.end_reason = "blind"
+        if self._blind_steps > 0 or not self.is_driving:
             return STOP
         if reading.bumper and not self._has_path and not navigator.is_recovering:
             navigator.recover()
@@ -247,7 +243,10 @@ class GoalNavigator(Explorer):
         if not self.is_driving:
             return STOP
         if self._is_due(self.params.update_period):
-            planning.integrate(pose, self._without_people(reading, belief), self._robot.lidar)
+            ranges = reading.ranges
+            if belief.on_people is not None and reading.time >= self._waited_until:
+                ranges = np.where(belief.on_people, np.float32(np.nan), ranges)
+            planning.integrate(pose, ranges, self._robot.lidar)
         is_at_goal = self._is_at_goal(pose)
         turn = 0.0 if self._heading is None else wrap_angle(self._heading - pose.theta)
         is_turning, final_turn = abs(turn) > self._heading_tolerance, Twist(0.0, turn_rate(turn, navigator.numbers))
@@ -284,11 +283,6 @@ class GoalNavigator(Explorer):
             return self._navigator.update(reading, pose) == FAILED
         (self._navigator.reset if is_first else self._navigator.sense)(reading)
         return False
-
-    def _without_people(self, reading: Reading, belief: Belief) -> np.ndarray:
-        if belief.on_people is None or reading.time < self._waited_until:
-            return reading.ranges
-        return np.where(belief.on_people, np.float32(np.nan), reading.ranges)
 
     def _track(self, ranges: np.ndarray) -> None:
         if self._tracker is not None:
@@ -406,12 +400,6 @@ class GoalNavigator(Explorer):
         is_driving_reactively = lost_for >= 0.0 and self.is_driving
         self._has_path &= not is_driving_reactively
         return is_driving_reactively
-
-    def _is_blind(self, ranges: np.ndarray) -> bool:
-        self._blind_steps = self._blind_steps + 1 if np.isnan(ranges).all() else 0
-        if self._blind_steps * self._period > self.params.blind_time and self.is_driving:
-            self.end_reason = "blind"
-        return self._blind_steps > 0
 
 
 class HomeNavigator(GoalNavigator):

@@ -127,7 +127,7 @@ class TeamNavigator:
                 continue
             if not is_beside(self._poses[peer.index][:2], path, gap, BLOCKING_REACH):
                 continue
-            robot.navigator.restart_progress()
+            robot.navigator.record["stall_steps"] = -1
             if not (peer.yield_to(robot, self._poses[peer.index]) or robot.yield_to(peer, self._poses[robot.index])):
                 robot.fail()
             return
