@@ -92,7 +92,10 @@ class Teleop:
             self._env.reset()
             self._navigator.goal, self._message = None, "restarted"
         elif key == pygame.K_m:
-            self._save()
+            try:
+                self._message = f"saved {save_map(self._env.belief.grid, self._save_path).resolve()}"
+            except OSError as error:
+                self._message = f"not saved: {error}"
         elif key == pygame.K_c:
             slam: Any = self._env.robots[0].estimator
             if slam.observers is not None:
@@ -120,12 +123,6 @@ class Teleop:
             self._navigator.set_goal(pose[:2], pose.theta)
         except ValueError as error:
             self._message = str(error)
-
-    def _save(self) -> None:
-        try:
-            self._message = f"saved {save_map(self._env.belief.grid, self._save_path).resolve()}"
-        except OSError as error:
-            self._message = f"not saved: {error}"
 
     def _action(self) -> np.ndarray:
         env, navigator, twist = self._env, self._navigator, np.zeros(2)

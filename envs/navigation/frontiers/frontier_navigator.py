@@ -31,7 +31,7 @@ from lidarnaut.envs.navigation.frontiers.frontiers import (
     frontier_near,
     split_groups,
 )
-from lidarnaut.envs.navigation.frontiers.memory import RETRY_RADIUS, FrontierMemory, PeopleNearby, StandStill
+from lidarnaut.envs.navigation.frontiers.memory import RETRY_RADIUS, FrontierMemory, PeopleNearby
 from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, Costmap
 from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.maps.planning_map import CostLayer, PlanningMap
@@ -90,7 +90,8 @@ class FrontierNavigator:
         self.map = PlanningMap(self.robot, belief.grid.resolution, self._planning_params)
         self.navigator.reset(reading)
         self._level = 0
-        self._memory, self._people, self._still = FrontierMemory(), PeopleNearby(), StandStill()
+        self._memory, self._people = FrontierMemory(), PeopleNearby()
+        self._position, self._now, self._there_since = (math.inf, math.inf), 0.0, 0.0
         self.target: tuple[float, float] | None = None
         """Last chosen frontier (x, y), map frame [m]."""
         self._last_failed = False
@@ -127,13 +128,13 @@ class FrontierNavigator:
     @property
     def end_reason(self) -> str:
         """Reason why no frontier is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
-        is_still = self._still.duration > STILL_TIME
+        is_still = self._now - self._there_since > STILL_TIME
         return "stuck" if not self._has_start or is_still or self._is_enclosed() else "no_reachable_frontier"
 
     def _is_enclosed(self) -> bool:
-        field = travel_field(self.candidates.costmap, self._still.position)
+        field = travel_field(self.candidates.costmap, self._position)
         reached = np.argwhere(np.isfinite(field.costs)) if field is not None else np.empty((0, 2))
-        gaps = self.map.grid.centers(reached) - self._still.position
+        gaps = self.map.grid.centers(reached) - self._position
         return bool((np.hypot(*gaps.T) <= self.params.stuck_distance).all())
 
     def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
@@ -174,7 +175,7 @@ class FrontierNavigator:
 
     def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
         """Return why the drive has ended, such as `"arrived"`, or None. `progress`: status returned by `drive`."""
-        self._still.now = reading.time
+        self._now = reading.time
         self._people.update(belief)
         outcome = self._judge(progress, belief.pose)
         if outcome is None:
@@ -240,7 +241,7 @@ class FrontierNavigator:
 
     def find_candidates(self, reading: Reading, belief: Belief) -> None:
         """Find reachable frontiers with the current map and pose estimate."""
-        self._still.now = reading.time
+        self._now = reading.time
         self._find(belief.pose)
 
     @property
@@ -322,7 +323,8 @@ class FrontierNavigator:
         return row, col
 
     def _find(self, pose: Pose2D) -> None:
-        self._still.update(pose[:2], STILL_DISTANCE)
+        if math.dist(pose[:2], self._position) >= STILL_DISTANCE:
+            self._position, self._there_since = pose[:2], self._now
         planning = self.map
         planning.refresh()
         self._has_start = False
@@ -348,7 +350,7 @@ class FrontierNavigator:
         raster = planning.occupancy, planning.expansion.predecessor.reshape(height + 2, width + 2)
         past = self._memory.known, self.failures, self.target or NO_POSITION, RETRY_RADIUS
         frame = *planning.origin, planning.side
-        self._memory.known, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._still.now, past)
+        self._memory.known, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
         costmap = Costmap(layer.costs, planning.grid, layer.params)
         self.candidates = Candidates(table, int(chosen), self._last_failed, cells, costmap)
 

@@ -1,7 +1,5 @@
 """Memory of a robot that explores: frontiers, and people on its way."""
 
-import math
-
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief, Correction
@@ -63,20 +61,3 @@ class PeopleNearby:
         for x, y, _, _, radius in self._walking.tolist():
             obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
         return obstacles
-
-
-class StandStill:
-    """Time since the robot has left its position."""
-
-    def __init__(self) -> None:
-        self.position, self.now, self._since = (math.inf, math.inf), 0.0, 0.0
-
-    @property
-    def duration(self) -> float:
-        """Time since the robot was elsewhere [s]."""
-        return self.now - self._since
-
-    def update(self, position: tuple[float, float], distance: float) -> None:
-        """Begin anew if the robot has moved by `distance` [m]."""
-        if math.dist(position, self.position) >= distance:
-            self.position, self._since = position, self.now

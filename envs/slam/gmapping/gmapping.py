@@ -123,7 +123,9 @@ class GMapping(KeyScanSlam):
             mode = Pose2D(*self._proposals.modes[self.best].tolist())
             fallback_pose = self._monitor.update(ranges, predicted, mode, fits, belief.grid)
             if fallback_pose is None:
-                self._draw()
+                noise = self.rng.standard_normal((len(self.poses), 3))
+                noise[self.best] = 0.0
+                self.poses = draw_poses(self._proposals, noise)
                 parents = self._weigh()
             else:
                 self._move(motion, fallback_pose)
@@ -167,11 +169,6 @@ class GMapping(KeyScanSlam):
             predicted = Pose2D(*self.poses[self.best].tolist()).compose(motion)
             notify(self.observers, predicted, tested, tested[self.best])
         return fits_map(self.map.grid, self._points[:, :num_points], found.modes[self.best].tolist(), LEAST_MAP_SHARE)
-
-    def _draw(self) -> None:
-        noise = self.rng.standard_normal((len(self.poses), 3))
-        noise[self.best] = 0.0
-        self.poses = draw_poses(self._proposals, noise)
 
     def _move(self, motion: Pose2D, pose: Pose2D) -> None:
         if self._monitor.is_found:
