@@ -183,9 +183,8 @@ def main(
     shared: dict[str, Any] = {"world": world, "robot": robot, "physics": physics, "start": "spawn", "people": people}
     shared |= {"control_hz": control_hz, "time_limit": math.inf}
     if (map_pose if map is None else slam) is not None:
-        raise ValueError(
-            "--map localizes on a known map and excludes --slam, which builds a map; --map-pose needs --map"
-        )
+        slam_rule = "--map localizes on a known map and excludes --slam, which builds a map"
+        raise ValueError(f"{slam_rule}; --map-pose needs --map")
     if map is None:
         env = LidarEnv(Explore, slam=slam or DEFAULT_SLAM, **shared)
     else:

@@ -171,13 +171,9 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
     tqdm.write(median)
     if out is not None:
         params = getattr(slam, "params", None)
-        content = {
-            "log": str(options.log),
-            "slam": name,
-            "params": asdict(params) if is_dataclass(params) and not isinstance(params, type) else None,
-            "notes": log.notes,
-            "runs": [asdict(run) for run in runs],
-        }
+        shown = asdict(params) if is_dataclass(params) and not isinstance(params, type) else None
+        content: dict[str, Any] = {"log": str(options.log), "slam": name, "params": shown}
+        content |= {"notes": log.notes, "runs": [asdict(run) for run in runs]}
         write_file(out / "summary.json", json.dumps(content, indent=2) + "\n")
     return runs
 

@@ -43,9 +43,8 @@ def odometry_scales(odometry: np.ndarray, poses: np.ndarray) -> tuple[float, flo
 
     Both: shape (n, 3), at the same times. NaN if the robot has not driven, or not turned.
     """
-    (length, turn), (true_length, true_turn) = (
-        between_poses(each[:-1], each[1:])[:, [0, 2]].T for each in (odometry, poses)
-    )
+    motions = (between_poses(each[:-1], each[1:])[:, [0, 2]].T for each in (odometry, poses))
+    (length, turn), (true_length, true_turn) = motions
     with np.errstate(invalid="ignore"):
         return float(length @ true_length / (length @ length)), float(turn @ true_turn / (turn @ turn))
 
