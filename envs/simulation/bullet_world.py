@@ -68,10 +68,8 @@ def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[i
     """
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
     meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)
-    cylinders = [
-        bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=world.height)
-        for radius in radii.tolist()
-    ]
+    cylinder = partial(bullet.createCollisionShape, bullet.GEOM_CYLINDER, height=world.height)
+    cylinders = [cylinder(radius=radius) for radius in radii.tolist()]
     bodies = [bullet.createMultiBody(0.0, shape) for shape in (plane, *meshes, *cylinders)]
     set_contact(bullet, bodies[0], GROUND, ROLLING)
     for body in bodies[1:]:

@@ -160,8 +160,7 @@ class Batch:
     def _drive(self, active: np.ndarray) -> None:
         numbers, envs = self.numbers, self._envs
         limits = envs[0].robot.max_v, envs[0].robot.max_w
-        actions = np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)
-        numbers[:, at.ACTION_V : at.ACTION_W + 1] = actions
+        numbers[:, at.ACTION_V : at.ACTION_W + 1] = np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)
         numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * limits
         if (monitor := envs[0].collision_monitor) is not None:
             monitor.slow_down(numbers[:, at.COMMAND_V : at.COMMAND_W + 1], self.ranges, self.active)

@@ -132,9 +132,8 @@ class GoalNavigator(Explorer):
         makers = {**LOCAL_PLANNERS, "dwb": lambda robot, period, _: DwbPlanner(robot, period, self.dwb or DwbParams())}
         planner = resolve(self.params.local_planner, makers, "local planner")(robot, control_period, rng)
         self._planner: LocalPlanner = with_defaults(planner, LocalPlanner)
-        self._tracker = (
-            PeopleTracker(robot.lidar, control_period, SENSITIVE_TRACKER) if self.params.track_people else None
-        )
+        tracks = self.params.track_people
+        self._tracker = PeopleTracker(robot.lidar, control_period, SENSITIVE_TRACKER) if tracks else None
         self.tracks = NO_TRACKS
         self._waited_until = -math.inf
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)
@@ -195,8 +194,7 @@ class GoalNavigator(Explorer):
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         """Return the next velocity command and update `end_reason`; ValueError if `reading` is older than the last."""
-        planning = self._follow_map(belief)
-        twist = self._decide(reading, belief, planning)
+        twist = self._decide(reading, belief, self._follow_map(belief))
         self._navigator.note_command(twist)
         return twist
 
@@ -222,7 +220,8 @@ class GoalNavigator(Explorer):
     def _decide(self, reading: Reading, belief: Belief, planning: PlanningMap) -> Twist:
         pose, navigator = belief.pose, self._navigator
         has_failed = self._sense(reading, pose)
-        self._track(reading.ranges)
+        if self._tracker is not None:
+            self.tracks = self._planner.tracks = self._tracker.update(reading.ranges, navigator.motion)
         self._blind_steps = self._blind_steps + 1 if np.isnan(reading.ranges).all() else 0
         if self._blind_steps * self._period > self.params.blind_time and self.is_driving:
             self.end_reason = "blind"
@@ -273,20 +272,14 @@ class GoalNavigator(Explorer):
 
     def _sense(self, reading: Reading, pose: Pose2D) -> bool:
         if reading.time < self._time:
-            raise ValueError(
-                f"time went backwards: the reading is at {reading.time:.2f} s, the previous reading at "
-                f"{self._time:.2f} s; call reset for a new episode"
-            )
+            times = f"the reading is at {reading.time:.2f} s, the previous reading at {self._time:.2f} s"
+            raise ValueError(f"time went backwards: {times}; call reset for a new episode")
         is_first, self._time = math.isinf(self._time), reading.time
         self._steps += 1
         if self._has_path and self.is_driving and not is_first:
             return self._navigator.update(reading, pose) == FAILED
         (self._navigator.reset if is_first else self._navigator.sense)(reading)
         return False
-
-    def _track(self, ranges: np.ndarray) -> None:
-        if self._tracker is not None:
-            self.tracks = self._planner.tracks = self._tracker.update(ranges, self._navigator.motion)
 
     def _is_due(self, period: float) -> bool:
         return self._steps % max(1, round(period / self._period)) == 0
@@ -413,5 +406,4 @@ class HomeNavigator(GoalNavigator):
     @property
     def home_reason(self) -> str | None:
         """Reason why the drive ended: `"arrived_home"` (by pose estimate) or `"no_path_home"`; None while driving."""
-        reasons = {None: None, "arrived": "arrived_home"}
-        return reasons.get(self.end_reason, "no_path_home")
+        return {None: None, "arrived": "arrived_home"}.get(self.end_reason, "no_path_home")

@@ -145,8 +145,7 @@ class GraphSlam(Hector):
             frame = self.nodes.submap_pose(submap)
             if submap == self.graph.num_submaps:
                 self.graph.add_submap(correction.compose(frame))
-            covariance = local.constraint_covariance(submap)
-            self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
+            self.graph.add_constraint(node, submap, frame.between(local.pose), local.constraint_covariance(submap))
         if is_relocalized:
             self._relate(node, pose)
         self._mapped.append(pose)

@@ -62,10 +62,8 @@ class Loop(NamedTuple):
 
 def window_size(path_length: float, max_half_width: float) -> tuple[float, float]:
     """Return half width [m] and half angle [rad] of a loop-closure search; both grow with the distance driven [m]."""
-    return (
-        min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, max_half_width),
-        min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE),
-    )
+    half_angle = min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE)
+    return min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, max_half_width), half_angle
 
 
 @njit(cache=True, error_model="numpy")
