@@ -12,21 +12,14 @@ from lidarnaut.envs.estimation.scan_points import without_bodies
 from lidarnaut.envs.geometry import OCCUPIED, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
-from lidarnaut.envs.navigation.controllers.critics import (
-    NUM_CRITICS,
-    Ending,
-    Rasters,
-    RolloutParams,
-    cell_of,
-    judge,
-    spread,
-)
-from lidarnaut.envs.navigation.controllers.local_planner import LocalPlanner
-from lidarnaut.envs.navigation.controllers.regulated_pursuit import NEAREST_WINDOW, nearest_index
-from lidarnaut.envs.navigation.maps.costmap import CostmapParams, inflate
-from lidarnaut.envs.navigation.maps.planning_params import DwbParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
+
+from ..maps.costmap import CostmapParams, inflate
+from ..maps.planning_params import DwbParams
+from .critics import NUM_CRITICS, Ending, Rasters, RolloutParams, cell_of, judge, spread
+from .local_planner import LocalPlanner
+from .regulated_pursuit import NEAREST_WINDOW, nearest_index
 
 
 class DwbPlanner(LocalPlanner):

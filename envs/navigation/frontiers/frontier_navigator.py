@@ -7,39 +7,20 @@ from scipy.spatial import cKDTree
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.navigation.controllers.navigator import NO_POSITION, Navigator
-from lidarnaut.envs.navigation.controllers.navigator_kernels import (
-    DRIVING,
-    FAILED,
-    REACHED,
-    REPLAN,
-    SPUN,
-    TIME_UP,
-    WELL_IN_VIEW,
-)
-from lidarnaut.envs.navigation.frontiers.candidates import (
-    CANDIDATE,
-    MAX_FAILURES,
-    Candidates,
-    describe,
-    fill_features,
-    find_candidates,
-)
-from lidarnaut.envs.navigation.frontiers.frontiers import (
-    frontier_groups,
-    frontier_in_sight,
-    frontier_near,
-    split_groups,
-)
-from lidarnaut.envs.navigation.frontiers.memory import RETRY_RADIUS, FrontierMemory, PeopleNearby
-from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, Costmap
-from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.maps.planning_map import CostLayer, PlanningMap
 from lidarnaut.envs.navigation.maps.planning_params import NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.search.astar import UNREACHED
-from lidarnaut.envs.navigation.search.paths import exits, nearest_cell, search_goal, travel_field, write_path
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
+
+from ..controllers.navigator import NO_POSITION, Navigator
+from ..controllers.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP, WELL_IN_VIEW
+from ..maps.costmap import COST_INSCRIBED, Costmap
+from ..maps.obstacles import NO_POINTS
+from ..maps.planning_map import CostLayer, PlanningMap
+from ..search.astar import UNREACHED
+from ..search.paths import exits, nearest_cell, search_goal, travel_field, write_path
+from .candidates import CANDIDATE, MAX_FAILURES, Candidates, describe, fill_features, find_candidates
+from .frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
+from .memory import RETRY_RADIUS, FrontierMemory, PeopleNearby
 
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
 STILL_DISTANCE, STILL_TIME = 0.1, 30.0
@@ -330,7 +311,8 @@ class FrontierNavigator:
         self._has_start = False
         for level in range(planning.max_level + 1):
             layer = planning.layer(level, pose, self._obstacles, self.bodies)
-            cells, parts = self._frontiers(layer)
+            cells, starts = frontier_groups(planning.frontier, planning.tile_counts)
+            parts = split_groups(cells, starts, layer.tables.max_extent, min(self._lengths))
             start = self._start_cell(layer, pose)
             table = np.empty(0, dtype=CANDIDATE)
             if start[0] >= 0:
@@ -353,10 +335,6 @@ class FrontierNavigator:
         self._memory.known, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
         costmap = Costmap(layer.costs, planning.grid, layer.params)
         self.candidates = Candidates(table, int(chosen), self._last_failed, cells, costmap)
-
-    def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
-        cells, starts = frontier_groups(self.map.frontier, self.map.tile_counts)
-        return cells, split_groups(cells, starts, layer.tables.max_extent, min(self._lengths))
 
     def _replan(self, pose: Pose2D) -> bool:
         planning = self.map
