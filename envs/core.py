@@ -134,10 +134,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.simulator = make_simulator(physics, self.robot, period, num_robots, crowd_of(people))
         if people is not None:
             self.task.measures = (*self.task.measures, *PEOPLE)  # type: ignore[misc]
-        self.robots = [
-            Robot(self.robot, period, self.task.make_estimator(), uses_true_motion=self.task.uses_true_motion)
-            for _ in range(num_robots)
-        ]
+        estimators, by_truth = [self.task.make_estimator() for _ in range(num_robots)], self.task.uses_true_motion
+        self.robots = [Robot(self.robot, period, each, uses_true_motion=by_truth) for each in estimators]
         self._randomization: Randomization | None = None
         if randomize:
             self._randomization = Randomization(randomize, self.robot, self.simulator.ignored)
@@ -577,9 +575,8 @@ def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
     """
     kind: Any = resolve(task, {}, "task")
     if not (isinstance(kind, type) and issubclass(kind, Task)):
-        raise ValueError(
-            f"task must be a subclass of lidarnaut.envs.task.Task, or module:attribute of one, got {task!r}"
-        )
+        wanted = "a subclass of lidarnaut.envs.task.Task, or module:attribute of one"
+        raise ValueError(f"task must be {wanted}, got {task!r}")
     allowed = [*inspect.signature(kind).parameters, *SHARED]
     if unknown := [name for name in settings if name not in allowed]:
         hint = explain_unknown(unknown[0], allowed)

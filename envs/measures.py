@@ -188,8 +188,6 @@ GOAL = (
     Measure("way_left", "distance left", "m", False, partial(final, name="geodesic_distance"), 2),
 )
 """Measures of navigation to a goal; `info` must contain `geodesic_distance` to the goal [m]."""
-
-
 DOCK = (
     *GOAL,
     Measure("distance_to_goal", "offset", "cm", False, scale=100.0),
@@ -225,8 +223,6 @@ REACH = (
     Measure("jerk", "jerk", "m/s³", False),
 )
 """Measures of goal reaching: success, path and time efficiency, BARN metric and jerk."""
-
-
 _swept = partial(mean_over_limit, name="swept_fraction")
 _swept_90 = partial(when, name="swept_fraction", mark=0.9)
 SWEEP = (
@@ -235,8 +231,6 @@ SWEEP = (
     Measure("area_under_curve", "area under curve", "%", True, _swept, scale=100.0, is_headline=True),
 )
 """Measures of sweeping: swept fraction of the floor, and its increase over time."""
-
-
 PEOPLE = (
     Measure("hit_person", "drove into people", "", False, digits=2),
     Measure("hit_by_person", "people walked into it", "", None, digits=2),

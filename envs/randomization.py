@@ -45,9 +45,8 @@ class Randomization:
             ignored = (*ignored, *(name for name in RANDOMIZABLE if name.startswith("imu.compass")))
         allowed = [name for name in RANDOMIZABLE if name not in ignored]
         if unknown := sorted(map(str, set(ranges) - set(allowed))):
-            raise ValueError(
-                f"randomize has names {unknown} that are unknown or have no effect here; allowed are {allowed}"
-            )
+            fault = f"names {unknown} that are unknown or have no effect here"
+            raise ValueError(f"randomize has {fault}; allowed are {allowed}")
         self._robot = robot
         self._ranges = {name: _check_range(name, ranges[name], robot) for name in sorted(ranges)}
 

@@ -24,7 +24,6 @@ from lidarnaut.envs.slam.key_scans import KeyScanSlam
 
 SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
 """Bit flags in a robot's state: process the scan, record the estimated position, record the true position."""
-
 ONE_ACTIVE = np.ones(1, dtype=np.bool_)
 MAX_PERSON_GAP, MAX_TIME_TO_COLLISION = 10.0, 10.0
 """Upper limits of the recorded gap to people [m] and time to collision [s]."""

@@ -25,8 +25,6 @@ COLUMNS = {"forward_speed": at.V, "yaw_rate": at.W, "action_v": at.ACTION_V, "ac
 COLUMNS |= {"acceleration": at.ACCELERATION, "jerk": at.JERK, "person_gap": at.PERSON_GAP}
 SHARED_QUANTITIES = (*COLUMNS, "obstacle_gap", "position_error", "yaw_error")
 """Quantities of all tasks, see `Rewards`. `COLUMNS`: indices of some in a robot's state vector."""
-
-
 DEFAULT_TIME_LIMIT = 300.0
 
 

@@ -92,7 +92,10 @@ class Teleop:
             self._env.reset()
             self._navigator.goal, self._message = None, "restarted"
         elif key == pygame.K_m:
-            self._save()
+            try:
+                self._message = f"saved {save_map(self._env.belief.grid, self._save_path).resolve()}"
+            except OSError as error:
+                self._message = f"not saved: {error}"
         elif key == pygame.K_c:
             slam: Any = self._env.robots[0].estimator
             if slam.observers is not None:
@@ -120,12 +123,6 @@ class Teleop:
             self._navigator.set_goal(pose[:2], pose.theta)
         except ValueError as error:
             self._message = str(error)
-
-    def _save(self) -> None:
-        try:
-            self._message = f"saved {save_map(self._env.belief.grid, self._save_path).resolve()}"
-        except OSError as error:
-            self._message = f"not saved: {error}"
 
     def _action(self) -> np.ndarray:
         env, navigator, twist = self._env, self._navigator, np.zeros(2)
@@ -186,9 +183,8 @@ def main(
     shared: dict[str, Any] = {"world": world, "robot": robot, "physics": physics, "start": "spawn", "people": people}
     shared |= {"control_hz": control_hz, "time_limit": math.inf}
     if (map_pose if map is None else slam) is not None:
-        raise ValueError(
-            "--map localizes on a known map and excludes --slam, which builds a map; --map-pose needs --map"
-        )
+        slam_rule = "--map localizes on a known map and excludes --slam, which builds a map"
+        raise ValueError(f"{slam_rule}; --map-pose needs --map")
     if map is None:
         env = LidarEnv(Explore, slam=slam or DEFAULT_SLAM, **shared)
     else:

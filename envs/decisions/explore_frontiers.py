@@ -127,12 +127,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     """Arguments that have no effect here, and are refused: the id of an environment that honours each."""
 
     def __init__(
-        self,
-        *,
-        max_candidates: int = 48,
-        max_decision_time: float = 4.0,
-        control_hz: float = 5.0,
-        **arguments: Any,
+        self, *, max_candidates: int = 48, max_decision_time: float = 4.0, control_hz: float = 5.0, **arguments: Any
     ) -> None:
         if not (is_whole(max_candidates) and 1 <= max_candidates <= MAX_CANDIDATES):
             raise ValueError(f"max_candidates must be an integer from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")

@@ -12,7 +12,6 @@ from lidarnaut.envs.geometry.lookup import load
 
 LARGEST_POOLED = 8
 """Pyramid blocks up to this side are computed from map cells, larger blocks from smaller blocks [cells]."""
-
 _POOL = 4
 _FREE = np.uint16(0xFF)
 _OCCUPIED = np.uint16(1 << 8)

@@ -12,8 +12,7 @@ TRAIL_SPACING = 0.1
 
 def interpolate(positions: np.ndarray) -> np.ndarray:
     """Resample a polyline at a spacing of about `TRAIL_SPACING`: shape (n, 2), float64 [m]. Vertices are kept."""
-    lengths = np.hypot(*np.diff(positions, axis=0).T)
-    counts = np.maximum(lengths // TRAIL_SPACING, 1.0).astype(np.int64)
+    counts = np.maximum(np.hypot(*np.diff(positions, axis=0).T) // TRAIL_SPACING, 1.0).astype(np.int64)
     along = np.concatenate([k + np.arange(n) / n for k, n in enumerate(counts.tolist())] + [[float(len(counts))]])
     return points_at(positions, np.arange(len(positions)), along)
 

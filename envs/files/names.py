@@ -71,18 +71,15 @@ def load_object(name: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
             raise
-        raise ValueError(
-            f"{SHORT.repr(name)}: there is no module {SHORT.repr(error.name)} in {os.getcwd()} "
-            "or among the installed packages"
-        ) from error
+        places = f"in {os.getcwd()} or among the installed packages"
+        raise ValueError(f"{SHORT.repr(name)}: there is no module {SHORT.repr(error.name)} {places}") from error
     for part in attribute.split("."):
         if not hasattr(found, part):
             inside = getattr(found, "__dict__", {}).items()
             own = [key for key, value in inside if key[:1] != "_" and not _is_imported(value, module_name)]
             own = getattr(found, "__all__", own)
-            raise ValueError(
-                f"{SHORT.repr(name)}: {module_name!r} has no attribute {explain_unknown(part, own, attribute)}"
-            )
+            unknown = explain_unknown(part, own, attribute)
+            raise ValueError(f"{SHORT.repr(name)}: {module_name!r} has no attribute {unknown}")
         found = getattr(found, part)
     return found
 

@@ -63,10 +63,6 @@ def own_folder(path: Path, name: str = "") -> Path:
     return folder
 
 
-def _open_itself(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
-
-
 def _remove(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
@@ -117,7 +113,7 @@ def _is_alive(pid: int, path: Path) -> bool:
 
 
 def _write_through(path: Path, content: bytes | str, mode: Literal["xb", "ab"] = "xb") -> None:
-    with open(path, mode, opener=_open_itself) as file:
+    with open(path, mode, opener=lambda p, flags: os.open(p, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)) as file:
         file.write(content.encode() if isinstance(content, str) else content)
         file.flush()
         os.fsync(file.fileno())

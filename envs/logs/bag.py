@@ -97,8 +97,12 @@ def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[li
     if len(scans) > 1 and frame != laser_frame:
         names = ", ".join(sorted(scans))
         raise bag.error(f"{topic} holds scans of several frames: {names}; choose one by laser_frame (--laser-frame)")
-    order = _time_order(bag, topic, [scan.time for scan in scans[frame]])
-    return [scans[frame][k] for k in order], frame
+    times = [scan.time for scan in scans[frame]]
+    if fault := describe_jump_back(np.array(times), "message"):
+        raise bag.error(f"{topic}: {fault}")
+    if len(times) > 1 and min(times) == max(times):
+        raise bag.error(f"{topic}: all messages have the stamp {times[0]:.3f} s")
+    return [scans[frame][k] for k in np.argsort(times, kind="stable")], frame
 
 
 def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:
@@ -115,13 +119,11 @@ def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:
 def _read_odometry(
     bag: BagReader, tree: FrameTree, start: str, odom_frame: str | None, is_tf: bool
 ) -> tuple[np.ndarray, np.ndarray, str]:
-
-    def is_odom(name: str) -> bool:
-        if odom_frame:
-            return name == odom_frame
-        return not is_tf or name.rpartition("/")[2] == ODOM_FRAME
-
-    edges = [(child, parent) for child in tree.frames for parent in tree.parents(child) if is_odom(parent)]
+    edges = [(child, parent) for child in tree.frames for parent in tree.parents(child)]
+    if odom_frame:
+        edges = [edge for edge in edges if edge[1] == odom_frame]
+    elif is_tf:
+        edges = [edge for edge in edges if edge[1].rpartition("/")[2] == ODOM_FRAME]
     if len({child for child, _ in edges}) > 1:
         edges = [edge for edge in edges if edge[0] in tree.above(start)] or edges
     if len(edges) > 1:
@@ -148,10 +150,8 @@ def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, no
     upright = mounts[:, 2, 2]
     unknown, tilted = ~np.isfinite(upright), np.abs(upright) < MIN_UPRIGHT
     tilt = f"the lidar is tilted by {np.degrees(np.arccos(np.abs(upright[tilted]).min(initial=1.0))):.0f} degrees"
-    for is_out, why in (
-        (unknown, "there is no transform between base and lidar at their time"),
-        (tilted, f"{tilt}, so its scans are not horizontal"),
-    ):
+    missing = "there is no transform between base and lidar at their time"
+    for is_out, why in ((unknown, missing), (tilted, f"{tilt}, so its scans are not horizontal")):
         if is_out.all():
             raise bag.error(f"{topic}: {why}")
         if is_out.any():
@@ -160,11 +160,3 @@ def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, no
         notes.append(f"the lidar is tilted by up to {np.degrees(np.arccos(leaning)):.0f} degrees and treated as level")
     placed = zip(scans, mounts, (unknown | tilted).tolist(), strict=True)
     return [in_base_frame(scan, mount) for scan, mount, is_out in placed if not is_out]
-
-
-def _time_order(bag: BagReader, topic: str, times: list[float]) -> np.ndarray:
-    if fault := describe_jump_back(np.array(times), "message"):
-        raise bag.error(f"{topic}: {fault}")
-    if len(times) > 1 and min(times) == max(times):
-        raise bag.error(f"{topic}: all messages have the stamp {times[0]:.3f} s")
-    return np.argsort(times, kind="stable")

@@ -39,7 +39,6 @@ MCAP_MAGIC, FOOTER_SIZE = b"\x89MCAP0\r\n", 37
 
 
 def _bounded(make_decompressor: Callable[[], Any]) -> Callable[..., bytes]:
-
     def unpack(data: bytes, *_: int) -> bytes:
         decompressor = make_decompressor()
         content: bytes = decompressor.decompress(data, max_length=MAX_CHUNK + 1)
@@ -51,7 +50,6 @@ def _bounded(make_decompressor: Callable[[], Any]) -> Callable[..., bytes]:
 
 
 def _tolerant(parse: Callable[[Any], Any], default: Any) -> Any:
-
     def parse_or_default(content: Any) -> Any:
         try:
             return parse(content)

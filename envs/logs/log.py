@@ -16,13 +16,7 @@ from lidarnaut.envs.robots import LidarParams, Mount
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
 from .scans import Limits, LogContent, Scan, advise_on_zeros, common_beams, deskewed, usable_scans
-from .trajectory import (
-    MAX_SPEEDS,
-    bridge_glitches,
-    describe_jump_back,
-    find_gaps,
-    interpolate_poses,
-)
+from .trajectory import MAX_SPEEDS, bridge_glitches, describe_jump_back, find_gaps, interpolate_poses
 
 MAX_STEP = 100.0
 """Maximum odometry distance between successive scans of a valid log [m]."""
@@ -87,9 +81,8 @@ class Log:
         steps = np.hypot(*np.diff(self.odometry[self.scan_rows, :2], axis=0).T)
         if (steps > MAX_STEP).any():
             scan = int((steps > MAX_STEP).argmax())
-            raise ValueError(
-                f"odometry moves by {steps[scan]:g} m from scan {scan} to the next; at most {MAX_STEP:g} m is allowed"
-            )
+            moved = f"odometry moves by {steps[scan]:g} m from scan {scan} to the next"
+            raise ValueError(f"{moved}; at most {MAX_STEP:g} m is allowed")
         if fault := describe_jump_back(self.times[self.scan_rows], "scan"):
             raise ValueError(fault)
 
@@ -145,9 +138,8 @@ def load_log(
     if chosen := [name for name, value in of_bags.items() if value is not None and not is_bag(path)]:
         raise ValueError(f"{path}: {chosen[0]} (--{chosen[0].replace('_', '-')}) applies to bags only")
     if field_of_view is not None and not (is_carmen and 0.0 < field_of_view <= 2.0 * math.pi):
-        raise ValueError(
-            f"{path}: field_of_view (--field-of-view) is for CARMEN logs only, in (0, 2 pi] rad, got {field_of_view:g}"
-        )
+        allowed = "for CARMEN logs only, in (0, 2 pi] rad"
+        raise ValueError(f"{path}: field_of_view (--field-of-view) is {allowed}, got {field_of_view:g}")
     if no_return not in ("inf", "zero"):
         raise ValueError(f"no_return must be 'inf' or 'zero', got {no_return!r}")
     if is_bag(path):
@@ -201,16 +193,13 @@ def _interpolated(
     spans = [f"{each.min():.3f} to {each.max():.3f} s" for each in (scan_times, times)]
     if (outside | in_gap).all():
         raise ValueError(f"scans from {spans[0]} and odometry from {spans[1]} do not overlap")
-    reasons = (
-        (outside, f"outside the time of the odometry, {spans[1]}"),
-        (in_gap, "the robot moves in gaps of the odometry"),
-    )
+    early_or_late = f"outside the time of the odometry, {spans[1]}"
+    reasons = (outside, early_or_late), (in_gap, "the robot moves in gaps of the odometry")
     notes += [f"{is_out.sum()} {of_all}: {why}" for is_out, why in reasons if is_out.any()]
     inside = ~(outside | in_gap)
     every = np.union1d(times, scan_times[inside])
     kept = [scan for scan, is_inside in zip(scans, inside.tolist()) if is_inside]
-    rows = np.searchsorted(every, scan_times[inside])
-    return kept, every, interpolate_poses(times, odometry, every), rows
+    return kept, every, interpolate_poses(times, odometry, every), np.searchsorted(every, scan_times[inside])
 
 
 def _read(scan: Scan, reaches_limit: bool, no_return: str) -> Scan:

@@ -112,19 +112,15 @@ def people(time: float, states: np.ndarray) -> Any:
     for k, (x, y, vx, vy, radius) in enumerate(states.tolist()):
         arrow = [_make("geometry_msgs/msg/Point", *point, 0.1) for point in ((x, y), (x + vx, y + vy))]
         size = 2.0 * radius, 2.0 * radius, 0.2
-        markers += [
-            _marker(time, "people", k, kinds.CYLINDER, Pose2D(x, y, 0.0), size, []),
-            _marker(time, "velocities", k, kinds.ARROW, Pose2D(0.0, 0.0, 0.0), (0.05, 0.1, 0.1), arrow),
-        ]
+        markers.append(_marker(time, "people", k, kinds.CYLINDER, Pose2D(x, y, 0.0), size, []))
+        markers.append(_marker(time, "velocities", k, kinds.ARROW, Pose2D(0.0, 0.0, 0.0), (0.05, 0.1, 0.1), arrow))
     return _make("visualization_msgs/msg/MarkerArray", markers)
 
 
 def numbers(values: np.ndarray) -> Any:
     """Return an array as a `std_msgs/Float64MultiArray` message."""
-    sizes = [
-        _make("std_msgs/msg/MultiArrayDimension", "", size, math.prod(values.shape[k:]))
-        for k, size in enumerate(values.shape)
-    ]
+    dimension = functools.partial(_make, "std_msgs/msg/MultiArrayDimension", "")
+    sizes = [dimension(size, math.prod(values.shape[k:])) for k, size in enumerate(values.shape)]
     layout = _make("std_msgs/msg/MultiArrayLayout", sizes, 0)
     return _make("std_msgs/msg/Float64MultiArray", layout, np.asarray(values, dtype=np.float64).ravel())
 

@@ -85,21 +85,17 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> LogContent:
     if not any(scans.values()):
         raise ValueError(f"{path}: holds no FLASER or ROBOTLASER1 lines with beams")
     if num_empty:
-        notes.append(
-            f"{num_empty} of {num_empty + sum(map(len, scans.values()))} scans are left out: they have no beams"
-        )
+        num_scans = num_empty + sum(map(len, scans.values()))
+        notes.append(f"{num_empty} of {num_scans} scans are left out: they have no beams")
     if scans["ROBOTLASER1"]:
         if field_of_view is not None:
-            raise ValueError(
-                f"{path}: field_of_view (--field-of-view) is for FLASER lines; ROBOTLASER1 lines have angles"
-            )
+            reason = "is for FLASER lines; ROBOTLASER1 lines have angles"
+            raise ValueError(f"{path}: field_of_view (--field-of-view) {reason}")
         if scans["FLASER"]:
             notes.append(f"{len(scans['FLASER'])} FLASER lines are left out: there are ROBOTLASER1 lines")
         mount = _find_mount(path, mounts)
-        placed = [
-            scan._replace(first=scan.first + mount.theta, position=(mount.x, mount.y, 0.0))
-            for scan in scans["ROBOTLASER1"]
-        ]
+        position = mount.x, mount.y, 0.0
+        placed = [scan._replace(first=scan.first + mount.theta, position=position) for scan in scans["ROBOTLASER1"]]
     else:
         placed = [scan._replace(position=(offset, 0.0, 0.0)) for scan in scans["FLASER"]]
         if (count := len(placed[0].ranges)) not in SICK_STEPS and field_of_view is None:
@@ -181,9 +177,8 @@ def read_archive(path: str | Path) -> LogContent:
             raise ValueError(f"{path}, array {name}: damaged")
         dimensions = (_DIMENSIONS | _OPTIONAL)[name]
         if array.ndim != dimensions or array.dtype.kind not in "iuf":
-            raise ValueError(
-                f"{path}, array {name}: must have numbers in {dimensions} dimensions, got {array.dtype} {array.shape}"
-            )
+            given = f"{array.dtype} {array.shape}"
+            raise ValueError(f"{path}, array {name}: must have numbers in {dimensions} dimensions, got {given}")
     if arrays["odo"].shape[1] != 3:
         raise ValueError(f"{path}, array odo: must have rows of x, y, heading, got shape {arrays['odo'].shape}")
     lengths = {name: len(arrays[name]) for name in ("t", "odo", "idx", "ranges")}

@@ -32,10 +32,8 @@ class RelationError:
     count: int
 
     def __str__(self) -> str:
-        return (
-            f"{self.translation:.3f} +- {self.translation_std:.3f} m, "
-            f"{self.rotation:.2f} +- {self.rotation_std:.2f} deg over {self.count} relations"
-        )
+        translation = f"{self.translation:.3f} +- {self.translation_std:.3f} m"
+        return f"{translation}, {self.rotation:.2f} +- {self.rotation_std:.2f} deg over {self.count} relations"
 
 
 def load_relations(path: str | Path) -> np.ndarray:
@@ -56,9 +54,8 @@ def load_relations(path: str | Path) -> np.ndarray:
     if table.size == 0:
         raise ValueError(f"{path}: holds no relations")
     if table.shape[1] != 8:
-        raise ValueError(
-            f"{path}: relations have 8 numbers per line (t1 t2 x y z roll pitch yaw), got {table.shape[1]}"
-        )
+        wanted = "8 numbers per line (t1 t2 x y z roll pitch yaw)"
+        raise ValueError(f"{path}: relations have {wanted}, got {table.shape[1]}")
     if not (finite := np.isfinite(table).all(axis=1)).all():
         raise ValueError(f"{path}: relation {int(finite.argmin())} is not finite")
     return table[:, [0, 1, 2, 3, 7]]
@@ -98,9 +95,8 @@ def relation_error(times: np.ndarray, poses: np.ndarray, relations: np.ndarray) 
     estimated = between_poses(poses[rows[known, 0]], poses[rows[known, 1]])
     translation = np.hypot(*(estimated - truth)[:, :2].T)
     rotation = np.degrees(np.abs(wrap_angle(estimated[:, 2] - truth[:, 2])))
-    return RelationError(
-        float(translation.mean()), float(translation.std()), float(rotation.mean()), float(rotation.std()), len(truth)
-    )
+    numbers = float(translation.mean()), float(translation.std()), float(rotation.mean()), float(rotation.std())
+    return RelationError(*numbers, len(truth))
 
 
 def _nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:

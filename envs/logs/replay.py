@@ -171,22 +171,16 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
     tqdm.write(median)
     if out is not None:
         params = getattr(slam, "params", None)
-        content = {
-            "log": str(options.log),
-            "slam": name,
-            "params": asdict(params) if is_dataclass(params) and not isinstance(params, type) else None,
-            "notes": log.notes,
-            "runs": [asdict(run) for run in runs],
-        }
+        shown = asdict(params) if is_dataclass(params) and not isinstance(params, type) else None
+        content: dict[str, Any] = {"log": str(options.log), "slam": name, "params": shown}
+        content |= {"notes": log.notes, "runs": [asdict(run) for run in runs]}
         write_file(out / "summary.json", json.dumps(content, indent=2) + "\n")
     return runs
 
 
 def _line(run: Run) -> str:
-    line = (
-        f"{run.slam}, seed {run.seed}: {run.milliseconds:.3f} ms per scan "
-        f"(99 % below {run.milliseconds_p99:.3f}, worst {run.milliseconds_max:.3f})"
-    )
+    further = f"(99 % below {run.milliseconds_p99:.3f}, worst {run.milliseconds_max:.3f})"
+    line = f"{run.slam}, seed {run.seed}: {run.milliseconds:.3f} ms per scan {further}"
     line += "".join(f"; {label} {error}" for label, error in run.errors.items())
     line += "" if run.loop_closures is None else f"; {run.loop_closures} loop closures"
     line += "; odometry fits best with distances x {:.3f} and turns x {:.3f}".format(*run.odometry_scales)

@@ -242,8 +242,6 @@ def _final_poses(path: np.ndarray, anchors: list[Any], num_scans: int) -> np.nda
         poses = [Pose2D(*path[node].tolist()).compose(relative) for node, relative in anchors]
         return np.array(poses, dtype=np.float64)
     if path.shape != (num_scans, 3):
-        raise ValueError(
-            f"the SLAM returned a corrected path of shape {path.shape} after {num_scans} scans; "
-            "Belief.path must hold one pose per scan"
-        )
+        found = f"a corrected path of shape {path.shape} after {num_scans} scans"
+        raise ValueError(f"the SLAM returned {found}; Belief.path must hold one pose per scan")
     return path.copy()

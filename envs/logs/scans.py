@@ -209,8 +209,7 @@ def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple
         step = 2.0 * math.pi / num_beams
     if num_beams > MAX_BEAMS:
         raise ValueError(f"scans need {num_beams:,} common beams; at most {MAX_BEAMS:,} are allowed")
-    ranges = np.stack([resampled(scan, (x, y), low, step, num_beams) for scan in scans])
-    return ranges, low, step, (x, y, z)
+    return np.stack([resampled(scan, (x, y), low, step, num_beams) for scan in scans]), low, step, (x, y, z)
 
 
 def resampled(

@@ -24,7 +24,6 @@ MAX_GLITCH = 2.0
 """Maximum duration of an odometry glitch that is interpolated [s]."""
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
 """Odometry does not cover gaps that last longer than this time [s] while the robot moves farther than this [m, rad]."""
-
 NUM_PARTS = 20
 """Number of parts of a path whose scales are compared."""
 
@@ -44,9 +43,8 @@ def odometry_scales(odometry: np.ndarray, poses: np.ndarray) -> tuple[float, flo
 
     Both: shape (n, 3), at the same times. NaN if the robot has not driven, or not turned.
     """
-    (length, turn), (true_length, true_turn) = (
-        between_poses(each[:-1], each[1:])[:, [0, 2]].T for each in (odometry, poses)
-    )
+    motions = (between_poses(each[:-1], each[1:])[:, [0, 2]].T for each in (odometry, poses))
+    (length, turn), (true_length, true_turn) = motions
     with np.errstate(invalid="ignore"):
         return float(length @ true_length / (length @ length)), float(turn @ true_turn / (turn @ turn))
 

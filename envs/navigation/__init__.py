@@ -1,26 +1,19 @@
 """Costmaps, frontiers, path planning and driving on the estimated map."""
 
 from lidarnaut.envs.geometry.occupancy_grid import crop_to_known
-from lidarnaut.envs.navigation.controllers.dwb import DwbPlanner
-from lidarnaut.envs.navigation.controllers.local_planner import LocalPlanner
-from lidarnaut.envs.navigation.controllers.mppi import MppiParams, MppiPlanner
-from lidarnaut.envs.navigation.controllers.navigator import Navigator
-from lidarnaut.envs.navigation.controllers.regulated_pursuit import FollowerParams, PathFollower
-from lidarnaut.envs.navigation.frontiers.candidates import (
-    CANDIDATE,
-    FEATURES,
-    Candidates,
-    GainOverCost,
-    Markers,
-    failed_last,
-    robot_features,
-)
-from lidarnaut.envs.navigation.frontiers.frontier_navigator import FrontierNavigator
-from lidarnaut.envs.navigation.frontiers.frontiers import frontier_mask
-from lidarnaut.envs.navigation.frontiers.views import NUM_SECTORS
-from lidarnaut.envs.navigation.goals.docking import DockNavigator
-from lidarnaut.envs.navigation.goals.goal_navigator import GoalNavigator, GoalParams, HomeNavigator
-from lidarnaut.envs.navigation.maps.costmap import (
+
+from .controllers.dwb import DwbPlanner
+from .controllers.local_planner import LocalPlanner
+from .controllers.mppi import MppiParams, MppiPlanner
+from .controllers.navigator import Navigator
+from .controllers.regulated_pursuit import FollowerParams, PathFollower
+from .frontiers.candidates import CANDIDATE, FEATURES, Candidates, GainOverCost, Markers, failed_last, robot_features
+from .frontiers.frontier_navigator import FrontierNavigator
+from .frontiers.frontiers import frontier_mask
+from .frontiers.views import NUM_SECTORS
+from .goals.docking import DockNavigator
+from .goals.goal_navigator import GoalNavigator, GoalParams, HomeNavigator
+from .maps.costmap import (
     COST_FREE,
     COST_INSCRIBED,
     COST_LETHAL,
@@ -30,10 +23,10 @@ from lidarnaut.envs.navigation.maps.costmap import (
     CostmapParams,
     make_costmap,
 )
-from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS, free_distance
-from lidarnaut.envs.navigation.maps.planning_map import PlanningMap
-from lidarnaut.envs.navigation.maps.planning_params import DwbParams, NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.search.paths import TravelField, is_path_valid, plan_path, smooth_path, travel_field
+from .maps.obstacles import NO_POINTS, free_distance
+from .maps.planning_map import PlanningMap
+from .maps.planning_params import DwbParams, NavigatorParams, PlanningParams
+from .search.paths import TravelField, is_path_valid, plan_path, smooth_path, travel_field
 
 __all__ = [
     "CANDIDATE",

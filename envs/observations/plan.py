@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -73,19 +74,17 @@ class Plan(BoxPart):
         default; or its name, such as "lidarnaut.agents.frontiers.score:pretrained_rating".
         """
         if not detection_time > 0 or not 0 < num_candidates <= max_candidates:
-            raise ValueError(
-                "plan needs a positive detection_time and 0 < num_candidates <= max_candidates, got "
-                f"{detection_time!r}, {num_candidates!r} and {max_candidates!r}"
-            )
+            given = f"{detection_time!r}, {num_candidates!r} and {max_candidates!r}"
+            wanted = "a positive detection_time and 0 < num_candidates <= max_candidates"
+            raise ValueError(f"plan needs {wanted}, got {given}")
         self._detection_time, self._num, self._max = detection_time, num_candidates, max_candidates
         self._rate: Rating = (load_object(rating) if isinstance(rating, str) else rating)()
         self.size = WIDTH * num_candidates
         self._detections: dict[Robot, _Detection] = {}
 
     def reset(self, robot: Robot) -> None:
-        navigator = FrontierNavigator(
-            robot.params, robot.control_period, max_candidates=self._max, max_time=self._detection_time
-        )
+        limits: Any = {"max_candidates": self._max, "max_time": self._detection_time}
+        navigator = FrontierNavigator(robot.params, robot.control_period, **limits)
         self._detections[robot] = _Detection(robot, navigator, self._num, self._rate)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:

@@ -177,10 +177,8 @@ class ScanHistory(RowPart):
 
     def space(self, robot: RobotParams) -> spaces.Box:
         if self._num_sectors > robot.lidar.num_beams:
-            raise ValueError(
-                f"scan_history cannot make {self._num_sectors} sectors of the {robot.lidar.num_beams} beams of robot "
-                f"{robot.name!r}"
-            )
+            beams = f"the {robot.lidar.num_beams} beams of robot {robot.name!r}"
+            raise ValueError(f"scan_history cannot make {self._num_sectors} sectors of {beams}")
         return spaces.Box(0.0, 1.0, (len(self._ages) * self._num_sectors,), np.float32)
 
     def reset(self, robot: Robot) -> None:

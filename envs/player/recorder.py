@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from types import TracebackType
 from typing import Any
 
 import gymnasium
@@ -40,17 +39,14 @@ class EpisodeRecorder:
         inner = lidar_env_of(env)
         self._env, self._explorer = inner, wrap(explorer or Policy(), Policy)
         self._outer = env.unwrapped
-        angles = inner.robot.lidar.angles
-        self._beams = np.unique(np.linspace(0, len(angles) - 1, MAX_BEAMS).astype(int))
+        self._beams = np.unique(np.linspace(0, len(inner.robot.lidar.angles) - 1, MAX_BEAMS).astype(int))
 
     def __enter__(self) -> "EpisodeRecorder":
         self._before = self._env.on_period
         self._env.on_period = self._record
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._env.on_period = self._before
 
     def _record(self, commands: Sequence[Twist] | None) -> None:
@@ -75,8 +71,7 @@ class EpisodeRecorder:
 
     @property
     def _navigator(self) -> FrontierNavigator | None:
-        chooser = self._outer if isinstance(self._outer, ExploreFrontiersEnv) else self._explorer
-        return chooser.navigator
+        return (self._outer if isinstance(self._outer, ExploreFrontiersEnv) else self._explorer).navigator
 
     def _offered(self) -> Candidates | None:
         return None if self._navigator is None else self._navigator.candidates

@@ -132,8 +132,7 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
     if not scene.has_known_map:
         draw_dots(_centres(grid, frontier_mask(grid)), max(6, round(1.4 * side)), style.FRONTIER)
     if scene.particles is not None:
-        step = max(1, len(scene.particles) // MAX_PARTICLES)
-        draw_dots(scene.particles[::step, :2], 6, style.ESTIMATED)
+        draw_dots(scene.particles[:: max(1, len(scene.particles) // MAX_PARTICLES), :2], 6, style.ESTIMATED)
     if not (grid.data >= 0).any():  # no map: draw the scan
         draw_dots(beam_ends(scene.robot, scene.belief.pose, scene.ranges)[1][np.isfinite(scene.ranges)], 5, style.LIDAR)
     for person in people_in(scene.tracks, start):

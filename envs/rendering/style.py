@@ -31,7 +31,6 @@ WALL: Colour = (46, 56, 69)
 OUTSIDE: Colour = (226, 230, 235)
 LEFT_OUT: Colour = (238, 214, 175)
 """Color of free map cells that are not connected to the robot's start."""
-
 FREE: Colour = (255, 255, 255)
 OCCUPIED: Colour = (30, 36, 46)
 UNKNOWN: Colour = (176, 187, 201)

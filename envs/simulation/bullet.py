@@ -95,9 +95,8 @@ class BulletSimulator(Simulator):
 
     def _reset_world(self) -> World:
         if self._world is None and self.is_copy:
-            raise gymnasium.error.ResetNeeded(
-                "physics='bullet' cannot be copied in mid-episode: reset the copy, or use physics='kinematic'"
-            )
+            advice = "reset the copy, or use physics='kinematic'"
+            raise gymnasium.error.ResetNeeded(f"physics='bullet' cannot be copied in mid-episode: {advice}")
         return super()._reset_world()
 
     def _build(self, world: World) -> None:

@@ -72,16 +72,9 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
     inertias = {WHEEL_LINKS[0]: rolling, WHEEL_LINKS[1]: rolling, CHASSIS_LINK: _inertia(body)}
     # Chassis friction keeps square robots from sliding along walls.
     frictions = {WHEEL_LINKS[0]: drive.friction, WHEEL_LINKS[1]: drive.friction, CHASSIS_LINK: body.friction}
+    undamped = dict.fromkeys(("restitution", "linearDamping", "angularDamping", "jointDamping"), 0.0)
     for link in range(-1, count):
-        bullet.changeDynamics(
-            robot_id,
-            link,
-            lateralFriction=frictions.get(link, 0.0),
-            restitution=0.0,
-            linearDamping=0.0,
-            angularDamping=0.0,
-            jointDamping=0.0,
-        )
+        bullet.changeDynamics(robot_id, link, lateralFriction=frictions.get(link, 0.0), **undamped)
         if link in inertias:
             bullet.changeDynamics(robot_id, link, localInertiaDiagonal=inertias[link])
         group, mask = (CHASSIS, OBSTACLES | CHASSIS) if link == CHASSIS_LINK else (ROLLING, GROUND)
@@ -160,14 +153,9 @@ class BulletRobot:
         self.touched = set()
 
     def turn_wheels(self, substep: int) -> None:
-        self._bullet.setJointMotorControlArray(
-            self._body,
-            WHEEL_LINKS,
-            self._bullet.VELOCITY_CONTROL,
-            targetVelocities=self._targets[substep],
-            velocityGains=[1.0, 1.0],
-            forces=[self._robot.drive.max_torque] * 2,
-        )
+        wheels, torques = (self._body, WHEEL_LINKS), [self._robot.drive.max_torque] * 2
+        goal = {"targetVelocities": self._targets[substep], "velocityGains": [1.0, 1.0], "forces": torques}
+        self._bullet.setJointMotorControlArray(*wheels, self._bullet.VELOCITY_CONTROL, **goal)
 
     def update_contacts(self) -> None:
         points = self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK)
@@ -212,5 +200,4 @@ class BulletRobot:
 
     def _set_pose(self, pose: Pose2D, height: float) -> None:
         orientation = [0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)]
-        position = [pose.x, pose.y, height]
-        self._bullet.resetBasePositionAndOrientation(self._body, position, orientation)
+        self._bullet.resetBasePositionAndOrientation(self._body, [pose.x, pose.y, height], orientation)

@@ -15,7 +15,6 @@ from .contact import select_near
 
 GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
 """PyBullet collision groups. Wheels and casters (`ROLLING`) touch only the ground."""
-
 _MESH_RECTANGLES = 30_000
 """Maximum number of wall rectangles per collision mesh. PyBullet allows 131,072 vertices."""
 _MAX_RECTANGLES = 100_000
@@ -69,10 +68,8 @@ def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[i
     """
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
     meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)
-    cylinders = [
-        bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=world.height)
-        for radius in radii.tolist()
-    ]
+    cylinder = partial(bullet.createCollisionShape, bullet.GEOM_CYLINDER, height=world.height)
+    cylinders = [cylinder(radius=radius) for radius in radii.tolist()]
     bodies = [bullet.createMultiBody(0.0, shape) for shape in (plane, *meshes, *cylinders)]
     set_contact(bullet, bodies[0], GROUND, ROLLING)
     for body in bodies[1:]:

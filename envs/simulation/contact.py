@@ -137,17 +137,15 @@ def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
             raise ValueError(f"start pose must be finite, got {pose}")
         free = clearance(pose.x, pose.y, world.segments, circles)
         if free < radius - _TOLERANCE:
-            raise ValueError(
-                f"the robot does not fit at x = {pose.x:.3f}, y = {pose.y:.3f} in world {world.name!r}: "
-                f"its footprint has a radius of {radius:.3f} m, and the nearest obstacle is {max(free, 0.0):.3f} m away"
-            )
+            where = f"at x = {pose.x:.3f}, y = {pose.y:.3f} in world {world.name!r}"
+            sizes = f"a radius of {radius:.3f} m, and the nearest obstacle is {max(free, 0.0):.3f} m away"
+            raise ValueError(f"the robot does not fit {where}: its footprint has {sizes}")
     for b, second in enumerate(poses):
         for a, first in enumerate(poses[:b]):
             apart = math.dist(first[:2], second[:2])
             if apart <= 2.0 * radius + _MIN_GAP:
-                raise ValueError(
-                    f"robots {a} and {b} start {apart:.3f} m apart, but each has a footprint radius of {radius:.3f} m"
-                )
+                size = f"each has a footprint radius of {radius:.3f} m"
+                raise ValueError(f"robots {a} and {b} start {apart:.3f} m apart, but {size}")
 
 
 Kind = Literal["wall", "cylinder", "person", "robot"]

@@ -151,5 +151,4 @@ class KinematicSimulator(Simulator):
 
     def _move(self, world: World) -> None:
         rows, crowd = self.rows, self.crowd.arrays if len(self.crowd.rows) else None
-        surroundings = world.segments, world.circles, world.magnets
-        step_robots(rows.numbers, rows.draws, rows.ranges, *surroundings, crowd)
+        step_robots(rows.numbers, rows.draws, rows.ranges, world.segments, world.circles, world.magnets, crowd)

@@ -160,20 +160,16 @@ def robot_record(robot: RobotParams, control_period: float) -> Any:
         ValueError: the control period is not finite, below `MIN_PERIOD`, or needs more than `MAX_SUBSTEPS`.
     """
     if not MIN_PERIOD <= control_period < math.inf:
-        raise ValueError(
-            f"control_period must be positive, finite and at least {MIN_PERIOD:g} s ({1.0 / MIN_PERIOD:,.0f} Hz), "
-            f"got {control_period} s"
-        )
+        allowed = f"positive, finite and at least {MIN_PERIOD:g} s ({1.0 / MIN_PERIOD:,.0f} Hz)"
+        raise ValueError(f"control_period must be {allowed}, got {control_period} s")
     fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
     radii = 2.0 * control_period * fastest / robot.radius
     if not max(control_period / SUBSTEP, radii) <= MAX_SUBSTEPS:
-        raise ValueError(
-            f"robot {robot.name!r} (radius {robot.radius:g} m, speed {fastest:g} m/s) needs more than {MAX_SUBSTEPS:,} "
-            f"physics steps in a control period of {control_period:g} s"
-        )
+        kind = f"{robot.name!r} (radius {robot.radius:g} m, speed {fastest:g} m/s)"
+        steps = f"{MAX_SUBSTEPS:,} physics steps in a control period of {control_period:g} s"
+        raise ValueError(f"robot {kind} needs more than {steps}")
     substeps = max(1, round(control_period / SUBSTEP), math.ceil(radii))
-    numbers = attrgetter(*_SOURCES.values())(robot)
-    return RobotRecord(*map(float, (*numbers, control_period, substeps)))
+    return RobotRecord(*map(float, (*attrgetter(*_SOURCES.values())(robot), control_period, substeps)))
 
 
 @njit(cache=True)

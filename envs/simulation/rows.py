@@ -116,16 +116,13 @@ class Rows:
         """Sample the noise of the next `count` control periods if no sampled noise is left."""
         if self.numbers[0, at.DRAW] == BLOCK - 1:
             for rng, block in zip(rngs, self.draws, strict=True):
-                self._draw(rng, block[BLOCK - count :])
+                if not self._num_uniforms:
+                    rng.standard_normal(out=block[BLOCK - count :])
+                    continue
+                for row in block[BLOCK - count :]:
+                    rng.standard_normal(out=row[: -self._num_uniforms])
+                    rng.random(out=row[-self._num_uniforms :])
             self.numbers[:, at.DRAW] = BLOCK - 1 - count
-
-    def _draw(self, rng: np.random.Generator, rows: np.ndarray) -> None:
-        if not self._num_uniforms:
-            rng.standard_normal(out=rows)
-            return
-        for row in rows:
-            rng.standard_normal(out=row[: -self._num_uniforms])
-            rng.random(out=row[-self._num_uniforms :])
 
     @property
     def steps(self) -> int:

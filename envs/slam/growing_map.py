@@ -65,11 +65,9 @@ class GrowingMap:
         if not (left or right or low or high):
             return False
         if (height + low + high) * (width + left + right) > MAX_CELLS:
-            raise MemoryError(
-                f"the map would need {width + left + right} x {height + low + high} cells of "
-                f"{self.grid.resolution} m to hold the last scan; the pose estimate has diverged, or the resolution "
-                "is too fine for the world"
-            )
+            cells = f"{width + left + right} x {height + low + high} cells of {self.grid.resolution} m"
+            cause = "the pose estimate has diverged, or the resolution is too fine for the world"
+            raise MemoryError(f"the map would need {cells} to hold the last scan; {cause}")
         self._pad(((low, high), (left, right)))
         self.corner = (self.corner[0] - left, self.corner[1] - low)
         self.grid.origin = self._origin(self.grid.resolution)

@@ -217,12 +217,7 @@ class GMappingParams(MatchingParams):
 
 
 Params = TinySlamParams | HectorParams | GraphSlamParams | GMappingParams
-KINDS: dict[str, type[Any]] = {
-    "tinyslam": TinySlamParams,
-    "hector": HectorParams,
-    "graph": GraphSlamParams,
-    "gmapping": GMappingParams,
-}
+KINDS: Any = {"tinyslam": TinySlamParams, "hector": HectorParams, "graph": GraphSlamParams, "gmapping": GMappingParams}
 """Parameter class of each SLAM algorithm."""
 PRESETS: dict[str, dict[str, Path]] = {
     slam: {path.stem: path for path in sorted((Path(__file__).parent / "presets" / slam).glob("*.yaml"))}

@@ -172,9 +172,8 @@ class Coverage:
             self._num_explored += count
         if len(update.new_cells):
             map_frame = Frame(float(update.origin[0]), float(update.origin[1]), float(resolution))
-            count, self._num_pending = mark_known(
-                update.new_cells, map_frame, self.start, cells, frame, scan, pending, self._num_pending
-            )
+            known = cells, frame, scan, pending, self._num_pending
+            count, self._num_pending = mark_known(update.new_cells, map_frame, self.start, *known)
             self._num_explored += count
         return float((self._num_explored - before) * frame.resolution**2)
 

@@ -155,12 +155,8 @@ class Explore(UnknownWorldTask):
             if robot.belief.update is not NO_UPDATE:
                 gained += self._cover(robot, simulator.states[k].pose)
         is_covered = self.coverage.explored_fraction >= self.target_coverage
-        self._quantities = {
-            "explored": gained,
-            "time": period,
-            "collision": period * sum(robot.bumper for robot in robots),
-            "completed": float(is_covered and not self._is_covered),
-        }
+        contact, done = period * sum(robot.bumper for robot in robots), float(is_covered and not self._is_covered)
+        self._quantities = {"explored": gained, "time": period, "collision": contact, "completed": done}
         self._is_covered |= is_covered
         if not self.return_home:
             self.end_reason = "covered" if is_covered else None
@@ -177,11 +173,8 @@ class Explore(UnknownWorldTask):
         if not self.return_home:
             return metrics | {"is_success": fraction >= self.target_coverage}
         returned = self.end_reason == "returned"
-        return metrics | {
-            "is_success": self._is_covered and returned,
-            "returned": returned,
-            "time_home": self._time_home,
-        }
+        metrics |= {"is_success": self._is_covered and returned, "returned": returned}
+        return metrics | {"time_home": self._time_home}
 
     def final_metrics(self) -> dict[str, Any]:
         area = self.coverage.area

@@ -68,10 +68,6 @@ class GoalTask(WorldTask):
             return self._set_goal(self.map_pose.between(goals[nearest]))
         return self.set_goal(goal)
 
-    def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal that planners get at the estimated `pose`, map frame."""
-        return self.goal
-
     def set_goal(self, goal: Sequence[float]) -> float:
         """Set a goal (x, y[, theta]), map frame; return a time limit [s]. ValueError if not finite or reachable."""
         if isinstance(goal, str):

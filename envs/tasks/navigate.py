@@ -188,12 +188,9 @@ class Navigate(KnownMapTask, GoalTask):
         self._true_pose = simulator.states[0].pose
         before, self._path_left = self._path_left, self._geodesic.length(self._true_pose)
         self.end_reason = "reached" if self._is_at_goal() else None
-        self._quantities = {
-            "progress": before - self._path_left,
-            "time": period,
-            "collision": period * robots[0].bumper,
-            "reached": float(self.end_reason is not None),
-        }
+        contact, reached = period * robots[0].bumper, float(self.end_reason is not None)
+        self._quantities = {"progress": before - self._path_left, "time": period}
+        self._quantities |= {"collision": contact, "reached": reached}
 
     def metrics(self) -> dict[str, Any]:
         pose, goal = self._true_pose, self._true_goal

@@ -181,8 +181,6 @@ def draw_starts(
             if has_room and (not must_see or is_visible(area.walls.data, *area.walls.cells(ends).ravel())):
                 starts.append(Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi))))
     if len(starts) < num_robots:
-        raise ValueError(
-            f"there is room for {len(starts)} robots {robot.name!r} around the start {tuple(first)} in world "
-            f"{world.name!r}, not for num_robots = {num_robots}"
-        )
+        room = f"{len(starts)} robots {robot.name!r} around the start {tuple(first)} in world {world.name!r}"
+        raise ValueError(f"there is room for {room}, not for num_robots = {num_robots}")
     return starts

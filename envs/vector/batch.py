@@ -39,33 +39,6 @@ def put(items, i, item):
     items[i] = item
 
 
-class Trails:
-    """Buffer of the positions of all robots in the batch, for their recorded paths."""
-
-    def __init__(self, envs: Sequence[Any]) -> None:
-        self._envs, count = envs, len(envs) * len(envs[0].robots)
-        self._positions = np.empty((count, MOST_POSITIONS, 4))
-        self._counts = np.zeros((count, 2), dtype=np.int64)
-
-    def clear(self, index: int) -> None:
-        """Delete the buffered positions of a sub-environment."""
-        self._counts.reshape(len(self._envs), -1)[index] = 0
-
-    def record(self, numbers: np.ndarray, active: np.ndarray) -> bool:
-        """Record positions of the active robots, and return whether a buffer is full."""
-        return bool(record_positions(numbers, active, self._positions, self._counts))
-
-    def extend(self, indices: Iterable[int]) -> None:
-        """Move the buffered positions of some sub-environments to the recorded paths of their robots."""
-        for i in indices:
-            env = self._envs[i]
-            first = i * len(env.robots)
-            for k, (robot, truth) in enumerate(zip(env.robots, env.truths, strict=True), first):
-                robot.trail.extend(self._positions[k, : self._counts[k, 0], :2])
-                truth.trail.extend(self._positions[k, : self._counts[k, 1], 2:])
-                self._counts[k] = 0
-
-
 class Batch:
     """Sub-environments that are stepped together by Numba functions."""
 
@@ -90,7 +63,8 @@ class Batch:
         self._are_alike = np.zeros((len(envs), 3), dtype=np.bool_)
         """Whether the rewards have the weights of the first sub-environment, the task has `update_rows`, and the
         estimators are dead reckoning without a map. A batch has these properties if all sub-environments do."""
-        self._trails = Trails(envs)
+        self._positions = np.empty((len(self.robots), MOST_POSITIONS, 4))
+        self._counts = np.zeros((len(self.robots), 2), dtype=np.int64)  # of buffered estimated and true positions
         self._names: Iterable[str] = ()  # names of reward quantities
         self._levels: dict[float, Any] = {}
         self.surroundings: Any = None
@@ -110,7 +84,7 @@ class Batch:
             for arrays, array in zip(self.task_arrays, env.task.arrays, strict=True):
                 put(arrays, i, array)
             self._is_new[robots] = True
-            self._trails.clear(i)
+            self._counts[robots] = 0
             rewards, weights = env.task.rewards, envs[0].task.rewards.weights
             is_unobserved = not env.sensors and env.on_period is None
             self._are_alike[i] = (
@@ -135,8 +109,8 @@ class Batch:
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
-        if self._has_no_maps and self._trails.record(self.numbers, self.active):
-            self._trails.extend(range(len(active)))
+        if self._has_no_maps and record_positions(self.numbers, self.active, self._positions, self._counts):
+            self._extend_trails(range(len(active)))
         flags = self.numbers[:, at.FLAGS].reshape(len(active), -1)
         self._has_scanned = (flags % 2.0 == SCAN).any(axis=1)
         is_over = active & (is_last | (self._times >= self._time_limits - 1e-6))
@@ -171,15 +145,22 @@ class Batch:
 
     def _finish(self, indices: Sequence[int]) -> None:
         if self._has_no_maps:
-            self._trails.extend(indices)
+            self._extend_trails(indices)
         for i in indices:
             self._envs[i].locate() if self._updates_rows else self._envs[i].finish()
+
+    def _extend_trails(self, indices: Iterable[int]) -> None:
+        for i in indices:
+            env, first = self._envs[i], i * self._num_robots
+            for k, (robot, truth) in enumerate(zip(env.robots, env.truths, strict=True), first):
+                robot.trail.extend(self._positions[k, : self._counts[k, 0], :2])
+                truth.trail.extend(self._positions[k, : self._counts[k, 1], 2:])
+                self._counts[k] = 0
 
     def _drive(self, active: np.ndarray) -> None:
         numbers, envs = self.numbers, self._envs
         limits = envs[0].robot.max_v, envs[0].robot.max_w
-        actions = np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)
-        numbers[:, at.ACTION_V : at.ACTION_W + 1] = actions
+        numbers[:, at.ACTION_V : at.ACTION_W + 1] = np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)
         numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * limits
         if (monitor := envs[0].collision_monitor) is not None:
             monitor.slow_down(numbers[:, at.COMMAND_V : at.COMMAND_W + 1], self.ranges, self.active)

@@ -87,16 +87,17 @@ class Shard:
             arrays.terminated[:] = arrays.truncated[:] = False
         for i in np.flatnonzero(is_left).tolist():
             if ended[i]:
-                info = self._reset(i, None, None)
-                arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = 0.0, False, False
-                records.note(i, info)
-                continue
-            reward, terminated, truncated, info = self._outcome(i, bool(is_last[i]))
-            arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = reward, terminated, truncated
-            if terminated or truncated:
-                self._close_episode(i, info)
+                reward, terminated, truncated, info = 0.0, False, False, self._reset(i, None, None)
             else:
-                records.note(i, info)
+                reward, terminated, truncated, info = self._outcome(i, bool(is_last[i]))
+            arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = reward, terminated, truncated
+            if (terminated or truncated) and self._mode == AutoresetMode.SAME_STEP:
+                final = whole_of({name: row.copy() for name, row in self._rows[i].items()})
+                records.extras[i] = {"final_obs": final, "final_info": info}
+                info = self._reset(i, None, None)
+            elif terminated or truncated:
+                self._has_ended[i] = True
+            records.note(i, info)
         return records.rows, records.extras
 
     def _outcome(self, i: int, is_last: bool) -> tuple[float, bool, bool, dict[str, Any]]:
@@ -165,15 +166,6 @@ class Shard:
         if self._batch is None:
             self._batch, indices = Batch(self.envs, self._arrays), range(len(self.envs))
         self._batch.bind(indices)
-
-    def _close_episode(self, i: int, info: dict[str, Any]) -> None:
-        if self._mode == AutoresetMode.SAME_STEP:
-            final = whole_of({name: row.copy() for name, row in self._rows[i].items()})
-            self._records.extras[i] = {"final_obs": final, "final_info": info}
-            info = self._reset(i, None, None)
-        else:
-            self._has_ended[i] = True
-        self._records.note(i, info)
 
 
 def is_own(env: Any) -> bool:

@@ -82,10 +82,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         autoreset_mode = AutoresetMode(autoreset_mode)
         if not 1 <= len(variants) <= num_envs:
             raise ValueError(f"variants must be 1 to num_envs ({num_envs}), got {len(variants)}")
-        makers = [
-            functools.partial(_make, make_env, tuple(env_wrappers), max_episode_steps, {**arguments, **variant})
-            for variant in variants
-        ]
+        make_one = functools.partial(_make, make_env, tuple(env_wrappers), max_episode_steps)
+        makers = [functools.partial(make_one, {**arguments, **variant}) for variant in variants]
         env = makers[0]()  # for its spaces
         for variant, make_other in zip(variants[1:], makers[1:], strict=True):
             with contextlib.closing(make_other()) as other:
@@ -227,10 +225,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._call("set_attr", [(name, values[share]) for share in self._shares])
 
     def __getstate__(self) -> dict[str, Any]:
-        raise TypeError(
-            "a vector environment cannot be copied or pickled, since it has processes and threads; make another one "
-            "with the same arguments"
-        )
+        reason = "a vector environment cannot be copied or pickled, since it has processes and threads"
+        raise TypeError(f"{reason}; make another one with the same arguments")
 
     def close_extras(self, **kwargs: Any) -> None:
         for shard in self._shards:

@@ -44,9 +44,8 @@ def load_world(world: str | Path | World) -> World:
         return check_world(found)
     if not isinstance(found, Path):
         if isinstance(world, str):
-            raise ValueError(
-                f"world {world!r} must name a World (functions are for environments), got {SHORT.repr(found)}"
-            )
+            wanted = "a World (functions are for environments)"
+            raise ValueError(f"world {world!r} must name {wanted}, got {SHORT.repr(found)}")
         raise TypeError(f"world must be a name, a path, module:attribute or a World, got {type(found).__name__}")
     if not found.is_file():
         raise FileNotFoundError(f"there is no world file {found}")
@@ -136,9 +135,8 @@ def world_sampler(
         return partial(_draw, partial(_generate_once, world, **settings), FIRST_SEED[split], num_worlds)
     found: Any = _resolve(world, {**LIBRARY, **FAMILIES})
     if size is not None:
-        raise ValueError(
-            f"size applies to procedural families only ({', '.join(FAMILIES)}); {world!r} has a fixed size"
-        )
+        families = ", ".join(FAMILIES)
+        raise ValueError(f"size applies to procedural families only ({families}); {world!r} has a fixed size")
     if difficulty is not None:
         raise ValueError(f"difficulty applies to the family 'clutter' only, not to {world!r}")
     if callable(found):

@@ -169,9 +169,8 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
     elif is_transparent is not None and file.mode == "scale":
         data[is_transparent] = UNKNOWN
     if file.mode == "trinary" and not file.negate and _interpret(np.array([SAVED_UNKNOWN]), file)[0] == FREE:
-        counts = np.bincount(
-            index[~is_transparent] if is_transparent is not None else index.ravel(), minlength=len(grey)
-        )
+        shown = index.ravel() if is_transparent is None else index[~is_transparent]
+        counts = np.bincount(shown, minlength=len(grey))
         is_saved = np.abs(grey[:, None] - SAVED_VALUES).min(axis=1) <= SAVED_TOLERANCE
         is_unknown = np.abs(grey - SAVED_UNKNOWN) <= SAVED_TOLERANCE
         if counts[is_unknown].sum() > 0.01 * counts.sum():

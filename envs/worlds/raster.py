@@ -71,15 +71,12 @@ def rasterize(world: World, resolution: float) -> OccupancyGrid:
     origin = np.array([x_min - resolution, y_min - resolution])
     cols, rows = (x_max - x_min) / resolution + 3, (y_max - y_min) / resolution + 3
     if not cols * rows <= MAX_CELLS:
-        raise ValueError(
-            f"world {world.name!r} spans {x_max - x_min:g} x {y_max - y_min:g} m, which is {cols * rows:.3g} cells of "
-            f"{resolution:g} m; at most {MAX_CELLS:,} are allowed"
-        )
+        size = f"{x_max - x_min:g} x {y_max - y_min:g} m, which is {cols * rows:.3g} cells of {resolution:g} m"
+        raise ValueError(f"world {world.name!r} spans {size}; at most {MAX_CELLS:,} are allowed")
     width, height = int(cols + _SNAP), int(rows + _SNAP)
     data = np.full((height, width), FREE, dtype=np.int8)
     segments = (world.segments - np.tile(origin, 2)) / resolution + _SNAP
-    circles = np.column_stack([world.circles[:, :2] - origin, world.circles[:, 2]]) / resolution
-    _draw(data, segments, circles)
+    _draw(data, segments, np.column_stack([world.circles[:, :2] - origin, world.circles[:, 2]]) / resolution)
     return OccupancyGrid(data, resolution, (float(origin[0]), float(origin[1])))
 
 
@@ -132,20 +129,16 @@ def check_world(world: World) -> World:
         if not grid.contains(cell):
             raise ValueError(f"world {world.name!r}: {what} {tuple(pose)} lies outside its bounds {world.bounds}")
         if labels[tuple(cell)] == 0 or clearance(pose.x, pose.y, world.segments, world.circles) < _MIN_CLEARANCE:
-            raise ValueError(
-                f"world {world.name!r}: {what} {tuple(pose)} lies on or within {CHECK_RESOLUTION} m of a wall or a body"
-            )
+            near = f"on or within {CHECK_RESOLUTION} m of a wall or a body"
+            raise ValueError(f"world {world.name!r}: {what} {tuple(pose)} lies {near}")
         pieces.append(labels[tuple(cell)])
     if leaks(labels == pieces[0]):
-        raise ValueError(
-            f"world {world.name!r} leaks: the outside of its bounds {world.bounds} can be reached from "
-            f"{tuple(world.spawns[0])}; close the gap with a segment under `closures`"
-        )
+        leak = f"the outside of its bounds {world.bounds} can be reached from {tuple(world.spawns[0])}"
+        raise ValueError(f"world {world.name!r} leaks: {leak}; close the gap with a segment under `closures`")
     for (what, pose), piece in zip(poses, pieces):
         if piece != pieces[0]:
-            raise ValueError(
-                f"world {world.name!r}: {what} {tuple(pose)} cannot be reached from {tuple(world.spawns[0])}"
-            )
+            spawn = tuple(world.spawns[0])
+            raise ValueError(f"world {world.name!r}: {what} {tuple(pose)} cannot be reached from {spawn}")
     return world
 
 

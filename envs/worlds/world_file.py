@@ -45,9 +45,8 @@ def _points(minimum: int) -> AfterValidator:
     def check(loops: Loops) -> Loops:
         for i, loop in enumerate(loops):
             if any(len(point) != 2 for point in loop) or len({tuple(point) for point in loop}) < minimum:
-                raise ValueError(
-                    f"item {i} must be a list of at least {minimum} different points [x, y], got {reprlib.repr(loop)}"
-                )
+                wanted = f"a list of at least {minimum} different points [x, y]"
+                raise ValueError(f"item {i} must be {wanted}, got {reprlib.repr(loop)}")
         return loops
 
     return AfterValidator(check)
@@ -133,9 +132,8 @@ def build_world(name: str, file: WorldFile) -> World:
     if len(segments) + len(circles) == 0:
         raise ValueError("the world is empty; give boxes, polygons, polylines, segments or cylinders")
     for what, (x, y, _) in [("spawn", row) for row in file.spawns] + [("goal", row) for row in file.goals]:
-        if any(_contains(solid, x, y) for solid in solids) or any(
-            np.hypot(*(circles[:, :2] - (x, y)).T) <= circles[:, 2]
-        ):
+        is_in_circle = (np.hypot(*(circles[:, :2] - (x, y)).T) <= circles[:, 2]).any()
+        if is_in_circle or any(_contains(solid, x, y) for solid in solids):
             raise ValueError(f"{what} ({x}, {y}) lies inside a solid body")
     low = np.vstack([segments[:, :2], segments[:, 2:], circles[:, :2] - circles[:, 2:]]).min(axis=0)
     high = np.vstack([segments[:, :2], segments[:, 2:], circles[:, :2] + circles[:, 2:]]).max(axis=0)

@@ -12,7 +12,6 @@ from lidarnaut.envs.logs import messages
 from lidarnaut.envs.logs.bag_writer import BagWriter
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.rendering.scene import people_in
-from lidarnaut.envs.sensor import Sensor
 from lidarnaut.envs.simulation import Twist
 
 MAP_PERIOD = 1.0
@@ -97,7 +96,7 @@ class BagRecorder:
         write("/clock", time, messages.clock(time))
         write("/scan", time, scan)
         for sensor in self._env.sensors:
-            write(_topic(sensor), time, messages.numbers(np.asarray(reading.extra[sensor.name])))
+            write(f"/sensors/{sensor.name}", time, messages.numbers(np.asarray(reading.extra[sensor.name])))
         people = people_in(self._env.simulator.people, self._env.map_pose.inverse())
         for topic, found in ((TRACKS, self._env.tracks), (PEOPLE, people)):
             if len(found):
@@ -112,10 +111,6 @@ class BagRecorder:
         self._map_time = self._time
         known = crop_to_known(self._robot.belief.grid, margin=0)
         self._writer.write("/map", self._time, messages.occupancy_grid(self._time, known))
-
-
-def _topic(sensor: Sensor) -> str:
-    return f"/sensors/{sensor.name}"
 
 
 class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordConstructorArgs):

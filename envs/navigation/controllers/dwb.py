@@ -12,21 +12,14 @@ from lidarnaut.envs.estimation.scan_points import without_bodies
 from lidarnaut.envs.geometry import OCCUPIED, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
-from lidarnaut.envs.navigation.controllers.critics import (
-    NUM_CRITICS,
-    Ending,
-    Rasters,
-    RolloutParams,
-    cell_of,
-    judge,
-    spread,
-)
-from lidarnaut.envs.navigation.controllers.local_planner import LocalPlanner
-from lidarnaut.envs.navigation.controllers.regulated_pursuit import NEAREST_WINDOW, nearest_index
-from lidarnaut.envs.navigation.maps.costmap import CostmapParams, inflate
-from lidarnaut.envs.navigation.maps.planning_params import DwbParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
+
+from ..maps.costmap import CostmapParams, inflate
+from ..maps.planning_params import DwbParams
+from .critics import NUM_CRITICS, Ending, Rasters, RolloutParams, cell_of, judge, spread
+from .local_planner import LocalPlanner
+from .regulated_pursuit import NEAREST_WINDOW, nearest_index
 
 
 class DwbPlanner(LocalPlanner):
@@ -90,7 +83,12 @@ class DwbPlanner(LocalPlanner):
         if self.blocked:
             return Twist(0.0, 0.0)
         v, w = (float(k) for k in twists[np.nanargmin(totals)])
-        self._take_note(pose, v, w)
+        signs = np.sign([v, w if abs(v) <= params.x_only_threshold else 0.0])
+        turned = signs * self._signs < 0.0
+        self._banned = np.where(turned, -signs, self._banned)
+        self._signs = np.where(signs == 0.0, self._signs, signs)
+        if turned.any():
+            self._turned_at = pose
         self.blocked = v == 0.0 and self._has_no_path
         return Twist(v, w)
 
@@ -142,11 +140,3 @@ class DwbPlanner(LocalPlanner):
         if math.hypot(away.x, away.y) > distance or abs(away.theta) > angle:
             self._turned_at = None
             self._signs, self._banned = np.zeros(2), np.zeros(2)
-
-    def _take_note(self, pose: Pose2D, v: float, w: float) -> None:
-        signs = np.sign([v, w if abs(v) <= self._params.x_only_threshold else 0.0])
-        turned = signs * self._signs < 0.0
-        self._banned = np.where(turned, -signs, self._banned)
-        self._signs = np.where(signs == 0.0, self._signs, signs)
-        if turned.any():
-            self._turned_at = pose

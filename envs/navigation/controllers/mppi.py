@@ -201,8 +201,7 @@ class MppiPlanner(LocalPlanner):
         mean = np.tensordot(weights / weights.sum(), controls, axes=1)
         best = controls[int(costs.argmin())]
         # The mean of two paths around an obstacle may collide.
-        pair = np.stack([mean, best])
-        rate(pair, self._mean, tuple(twist), *scene, costs)
+        rate(np.stack([mean, best]), self._mean, tuple(twist), *scene, costs)
         self._mean = mean if costs[0] < costs[1] + p.temperature else best
         if costs[:2].min() >= COLLISION_COST:
             self._mean = np.zeros_like(mean)

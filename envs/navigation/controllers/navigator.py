@@ -162,10 +162,6 @@ class Navigator:
         """Make the next `update` report that replanning is due."""
         self.record["planned"] = self.record["steps"] - self.numbers["replan_steps"]
 
-    def restart_progress(self) -> None:
-        """Restart the timer that detects a robot without motion."""
-        self.record["stall_steps"] = -1
-
     def spin(self, angle: float = 2.0 * math.pi) -> None:
         """Turn on the spot by an angle [rad], counter-clockwise, instead of driving."""
         rate = float(self.numbers["spin_rate"])

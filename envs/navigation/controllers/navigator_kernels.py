@@ -21,7 +21,6 @@ from lidarnaut.envs.robots import RobotParams
 
 DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 """Status of a drive. `REPLAN`: replanning is due. `SPUN`: a spin is completed."""
-
 WELL_IN_VIEW = 0.8
 """Central fraction of the field of view that must contain the chosen frontier before the robot stops turning."""
 REPLAN_TIME, STALL_TIME, STALL_ANGLE = 4.0, 3.0, 0.3

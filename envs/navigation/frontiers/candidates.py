@@ -15,20 +15,13 @@ from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.geometry import OCCUPIED_FROM
 from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle
-from lidarnaut.envs.navigation.frontiers.views import (
-    NUM_RAYS,
-    NUM_SECTORS,
-    SHARE_RADII,
-    cast_view,
-    cheapest_view,
-    fill_sectors,
-    unknown_share,
-)
-from lidarnaut.envs.navigation.maps.costmap import Costmap
-from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.search.astar import NO_GOAL, NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
-from lidarnaut.envs.navigation.search.paths import walk_back
 from lidarnaut.envs.robots import RobotParams
+
+from ..maps.costmap import Costmap
+from ..maps.obstacles import NO_POINTS
+from ..search.astar import NO_GOAL, NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
+from ..search.paths import walk_back
+from .views import NUM_RAYS, NUM_SECTORS, SHARE_RADII, cast_view, cheapest_view, fill_sectors, unknown_share
 
 CANDIDATE = record_type(
     [

@@ -7,39 +7,20 @@ from scipy.spatial import cKDTree
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.navigation.controllers.navigator import NO_POSITION, Navigator
-from lidarnaut.envs.navigation.controllers.navigator_kernels import (
-    DRIVING,
-    FAILED,
-    REACHED,
-    REPLAN,
-    SPUN,
-    TIME_UP,
-    WELL_IN_VIEW,
-)
-from lidarnaut.envs.navigation.frontiers.candidates import (
-    CANDIDATE,
-    MAX_FAILURES,
-    Candidates,
-    describe,
-    fill_features,
-    find_candidates,
-)
-from lidarnaut.envs.navigation.frontiers.frontiers import (
-    frontier_groups,
-    frontier_in_sight,
-    frontier_near,
-    split_groups,
-)
-from lidarnaut.envs.navigation.frontiers.memory import RETRY_RADIUS, FrontierMemory, PeopleNearby, StandStill
-from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, Costmap
-from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.maps.planning_map import CostLayer, PlanningMap
 from lidarnaut.envs.navigation.maps.planning_params import NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.search.astar import UNREACHED
-from lidarnaut.envs.navigation.search.paths import exits, nearest_cell, search_goal, travel_field, write_path
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
+
+from ..controllers.navigator import NO_POSITION, Navigator
+from ..controllers.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP, WELL_IN_VIEW
+from ..maps.costmap import COST_INSCRIBED, Costmap
+from ..maps.obstacles import NO_POINTS
+from ..maps.planning_map import CostLayer, PlanningMap
+from ..search.astar import UNREACHED
+from ..search.paths import exits, nearest_cell, search_goal, travel_field, write_path
+from .candidates import CANDIDATE, MAX_FAILURES, Candidates, describe, fill_features, find_candidates
+from .frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
+from .memory import RETRY_RADIUS, FrontierMemory, PeopleNearby
 
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
 STILL_DISTANCE, STILL_TIME = 0.1, 30.0
@@ -90,7 +71,8 @@ class FrontierNavigator:
         self.map = PlanningMap(self.robot, belief.grid.resolution, self._planning_params)
         self.navigator.reset(reading)
         self._level = 0
-        self._memory, self._people, self._still = FrontierMemory(), PeopleNearby(), StandStill()
+        self._memory, self._people = FrontierMemory(), PeopleNearby()
+        self._position, self._now, self._there_since = (math.inf, math.inf), 0.0, 0.0
         self.target: tuple[float, float] | None = None
         """Last chosen frontier (x, y), map frame [m]."""
         self._last_failed = False
@@ -127,13 +109,13 @@ class FrontierNavigator:
     @property
     def end_reason(self) -> str:
         """Reason why no frontier is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
-        is_still = self._still.duration > STILL_TIME
+        is_still = self._now - self._there_since > STILL_TIME
         return "stuck" if not self._has_start or is_still or self._is_enclosed() else "no_reachable_frontier"
 
     def _is_enclosed(self) -> bool:
-        field = travel_field(self.candidates.costmap, self._still.position)
+        field = travel_field(self.candidates.costmap, self._position)
         reached = np.argwhere(np.isfinite(field.costs)) if field is not None else np.empty((0, 2))
-        gaps = self.map.grid.centers(reached) - self._still.position
+        gaps = self.map.grid.centers(reached) - self._position
         return bool((np.hypot(*gaps.T) <= self.params.stuck_distance).all())
 
     def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
@@ -174,7 +156,7 @@ class FrontierNavigator:
 
     def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
         """Return why the drive has ended, such as `"arrived"`, or None. `progress`: status returned by `drive`."""
-        self._still.now = reading.time
+        self._now = reading.time
         self._people.update(belief)
         outcome = self._judge(progress, belief.pose)
         if outcome is None:
@@ -212,7 +194,8 @@ class FrontierNavigator:
         if memory.num_looks == MAX_LOOKS or not len(met) or not is_left:
             return False
         memory.num_looks += not goes_on
-        planning.look_again_at(memory.look_again())
+        planning.look_again_at(memory.given_up)
+        memory.given_up = memory.failures = NO_POINTS
         height, width = planning.occupancy.shape
         if not self._has_start:
             self.navigator.spin()
@@ -239,7 +222,7 @@ class FrontierNavigator:
 
     def find_candidates(self, reading: Reading, belief: Belief) -> None:
         """Find reachable frontiers with the current map and pose estimate."""
-        self._still.now = reading.time
+        self._now = reading.time
         self._find(belief.pose)
 
     @property
@@ -321,13 +304,15 @@ class FrontierNavigator:
         return row, col
 
     def _find(self, pose: Pose2D) -> None:
-        self._still.update(pose[:2], STILL_DISTANCE)
+        if math.dist(pose[:2], self._position) >= STILL_DISTANCE:
+            self._position, self._there_since = pose[:2], self._now
         planning = self.map
         planning.refresh()
         self._has_start = False
         for level in range(planning.max_level + 1):
             layer = planning.layer(level, pose, self._obstacles, self.bodies)
-            cells, parts = self._frontiers(layer)
+            cells, starts = frontier_groups(planning.frontier, planning.tile_counts)
+            parts = split_groups(cells, starts, layer.tables.max_extent, min(self._lengths))
             start = self._start_cell(layer, pose)
             table = np.empty(0, dtype=CANDIDATE)
             if start[0] >= 0:
@@ -347,13 +332,9 @@ class FrontierNavigator:
         raster = planning.occupancy, planning.expansion.predecessor.reshape(height + 2, width + 2)
         past = self._memory.known, self.failures, self.target or NO_POSITION, RETRY_RADIUS
         frame = *planning.origin, planning.side
-        self._memory.known, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._still.now, past)
+        self._memory.known, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
         costmap = Costmap(layer.costs, planning.grid, layer.params)
         self.candidates = Candidates(table, int(chosen), self._last_failed, cells, costmap)
-
-    def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
-        cells, starts = frontier_groups(self.map.frontier, self.map.tile_counts)
-        return cells, split_groups(cells, starts, layer.tables.max_extent, min(self._lengths))
 
     def _replan(self, pose: Pose2D) -> bool:
         planning = self.map
@@ -382,7 +363,7 @@ class FrontierNavigator:
             planning.refresh()
             reach = math.ceil(self._look_radius / planning.side - 1e-9)
             given_up = planning.grid.centers(frontier_near(planning.frontier, *planning.cell(*self.target), reach))
-            self._memory.give_up(given_up)
+            self._memory.given_up = np.vstack([self._memory.given_up, given_up])
             planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> bool:

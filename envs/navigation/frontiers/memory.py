@@ -1,7 +1,5 @@
 """Memory of a robot that explores: frontiers, and people on its way."""
 
-import math
-
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief, Correction
@@ -31,15 +29,6 @@ class FrontierMemory:
         """Store a failed drive, and return the number of those to the same frontier."""
         self.failures = np.vstack([self.failures, target])
         return int(np.count_nonzero(np.hypot(*(self.failures - target).T) <= RETRY_RADIUS))
-
-    def give_up(self, points: np.ndarray) -> None:
-        """Store ignored frontier cells, shape (n, 2) [m]."""
-        self.given_up = np.vstack([self.given_up, points])
-
-    def look_again(self) -> np.ndarray:
-        """Forget failed drives and ignored cells, and return these cells, shape (n, 2) [m]."""
-        given_up, self.given_up, self.failures = self.given_up, NO_POINTS, NO_POINTS
-        return given_up
 
     def correct(self, correction: Correction) -> None:
         """Move the positions with the map; ignored cells stay."""
@@ -72,20 +61,3 @@ class PeopleNearby:
         for x, y, _, _, radius in self._walking.tolist():
             obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
         return obstacles
-
-
-class StandStill:
-    """Time since the robot has left its position."""
-
-    def __init__(self) -> None:
-        self.position, self.now, self._since = (math.inf, math.inf), 0.0, 0.0
-
-    @property
-    def duration(self) -> float:
-        """Time since the robot was elsewhere [s]."""
-        return self.now - self._since
-
-    def update(self, position: tuple[float, float], distance: float) -> None:
-        """Begin anew if the robot has moved by `distance` [m]."""
-        if math.dist(position, self.position) >= distance:
-            self.position, self._since = position, self.now

@@ -56,9 +56,8 @@ def _find_raised(points: np.ndarray) -> tuple[Pose2D, float] | None:
         return None
     x, y = (points - points.mean(axis=0)).T
     rest, index = x - (x @ y) / (y @ y) * y, np.arange(len(x) + 1)
-    count, sum_y, sum_rest = (
-        np.subtract.outer(s, s).T for s in (index, *(np.append(0.0, np.cumsum(v)) for v in (y, rest)))
-    )
+    sums = (np.append(0.0, np.cumsum(values)) for values in (y, rest))
+    count, sum_y, sum_rest = (np.subtract.outer(s, s).T for s in (index, *sums))
     spread = np.maximum(count - count**2 / len(x) - sum_y**2 / (y @ y), 1e-9)
     is_inside = (index >= MIN_POINTS) & (index <= len(x) - MIN_POINTS)
     is_front = is_inside & is_inside[:, None] & (count >= MIN_POINTS) & (-sum_rest >= MIN_DEPTH * spread)
@@ -124,9 +123,6 @@ class DockNavigator(GoalNavigator):
         staging = self._docked.compose(Pose2D(-STAGING_DISTANCES[self._num_retries], 0.0, 0.0))
         super().set_goal(staging[:2], staging.theta)
 
-    def _is_late(self) -> bool:
-        return self._blocked_steps * self._period > BLOCKED_TIME
-
     def _retry(self, reason: str) -> None:
         self._num_retries, self._wait_steps, self._blocked_steps = self._num_retries + 1, 0, 0
         if self._num_retries > MAX_RETRIES:
@@ -143,7 +139,7 @@ class DockNavigator(GoalNavigator):
             if self.end_reason == "arrived":
                 self.end_reason, self._has_path, self._blocked_steps = None, False, 0
                 self._to_dock = belief.pose.between(self._docked)
-            elif self._is_late() or self.end_reason in ("no_path", "stuck"):
+            elif self._blocked_steps * self._period > BLOCKED_TIME or self.end_reason in ("no_path", "stuck"):
                 self._retry("blocked")
             return twist
         self._sense(reading, belief.pose)
@@ -170,7 +166,8 @@ class DockNavigator(GoalNavigator):
             self._blocked_steps += 1
         else:
             twist, self._blocked_steps = self._approach(to_dock), self._blocked_steps + 1 if reading.bumper else 0
-        if self._wait_steps * self._period > WAIT_TIME or self._is_late() or is_touched:
+        is_late = self._wait_steps * self._period > WAIT_TIME or self._blocked_steps * self._period > BLOCKED_TIME
+        if is_late or is_touched:
             self._retry("not_charging" if is_docked else "blocked")
             return STOP
         return twist

@@ -51,8 +51,6 @@ APPROACH_DISTANCE = 0.3
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Search around the goal: distance between search points, and maximum path length to the next point [m]."""
 HOME = (0.0, 0.0)
-
-
 ON_KNOWN_MAPS = PlanningParams(cell=0.05, tight_radii=(1.0, 0.75))
 ON_GROWING_MAPS = PlanningParams(
     cell=0.05, padding=0.0, tight_radii=(0.9, 0.5, 0.25), marking_range=8.0, clearing_range=8.5
@@ -60,8 +58,6 @@ ON_GROWING_MAPS = PlanningParams(
 """Planning parameters for growing maps: mark obstacles up to 8 m away, allow gaps as narrow as the footprint."""
 NUM_FITTING = 2
 """Number of footprint radii, from the largest, tried first on growing maps. Smaller radii are a last resort."""
-
-
 MakePlanner = Callable[[RobotParams, float, np.random.Generator], LocalPlanner]
 LOCAL_PLANNERS: dict[str, MakePlanner] = {
     "rpp": lambda robot, period, _: PathFollower(robot, period),
@@ -114,10 +110,7 @@ class GoalNavigator(Explorer):
     """
 
     def __init__(
-        self,
-        params: GoalParams = GoalParams(),
-        planning: PlanningParams | None = None,
-        dwb: DwbParams = DwbParams(),
+        self, params: GoalParams = GoalParams(), planning: PlanningParams | None = None, dwb: DwbParams = DwbParams()
     ) -> None:
         """Create a navigator. `planning`: parameters; None for defaults that depend on whether the map is known."""
         self.params, self.planning = params, planning
@@ -139,9 +132,8 @@ class GoalNavigator(Explorer):
         makers = {**LOCAL_PLANNERS, "dwb": lambda robot, period, _: DwbPlanner(robot, period, self.dwb or DwbParams())}
         planner = resolve(self.params.local_planner, makers, "local planner")(robot, control_period, rng)
         self._planner: LocalPlanner = with_defaults(planner, LocalPlanner)
-        self._tracker = (
-            PeopleTracker(robot.lidar, control_period, SENSITIVE_TRACKER) if self.params.track_people else None
-        )
+        tracks = self.params.track_people
+        self._tracker = PeopleTracker(robot.lidar, control_period, SENSITIVE_TRACKER) if tracks else None
         self.tracks = NO_TRACKS
         self._waited_until = -math.inf
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)
@@ -202,8 +194,7 @@ class GoalNavigator(Explorer):
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         """Return the next velocity command and update `end_reason`; ValueError if `reading` is older than the last."""
-        planning = self._follow_map(belief)
-        twist = self._decide(reading, belief, planning)
+        twist = self._decide(reading, belief, self._follow_map(belief))
         self._navigator.note_command(twist)
         return twist
 
@@ -229,8 +220,12 @@ class GoalNavigator(Explorer):
     def _decide(self, reading: Reading, belief: Belief, planning: PlanningMap) -> Twist:
         pose, navigator = belief.pose, self._navigator
         has_failed = self._sense(reading, pose)
-        self._track(reading.ranges)
-        if self._is_blind(reading.ranges) or not self.is_driving:
+        if self._tracker is not None:
+            self.tracks = self._planner.tracks = self._tracker.update(reading.ranges, navigator.motion)
+        self._blind_steps = self._blind_steps + 1 if np.isnan(reading.ranges).all() else 0
+        if self._blind_steps * self._period > self.params.blind_time and self.is_driving:
+            self.end_reason = "blind"
+        if self._blind_steps > 0 or not self.is_driving:
             return STOP
         if reading.bumper and not self._has_path and not navigator.is_recovering:
             navigator.recover()
@@ -247,7 +242,10 @@ class GoalNavigator(Explorer):
         if not self.is_driving:
             return STOP
         if self._is_due(self.params.update_period):
-            planning.integrate(pose, self._without_people(reading, belief), self._robot.lidar)
+            ranges = reading.ranges
+            if belief.on_people is not None and reading.time >= self._waited_until:
+                ranges = np.where(belief.on_people, np.float32(np.nan), ranges)
+            planning.integrate(pose, ranges, self._robot.lidar)
         is_at_goal = self._is_at_goal(pose)
         turn = 0.0 if self._heading is None else wrap_angle(self._heading - pose.theta)
         is_turning, final_turn = abs(turn) > self._heading_tolerance, Twist(0.0, turn_rate(turn, navigator.numbers))
@@ -274,25 +272,14 @@ class GoalNavigator(Explorer):
 
     def _sense(self, reading: Reading, pose: Pose2D) -> bool:
         if reading.time < self._time:
-            raise ValueError(
-                f"time went backwards: the reading is at {reading.time:.2f} s, the previous reading at "
-                f"{self._time:.2f} s; call reset for a new episode"
-            )
+            times = f"the reading is at {reading.time:.2f} s, the previous reading at {self._time:.2f} s"
+            raise ValueError(f"time went backwards: {times}; call reset for a new episode")
         is_first, self._time = math.isinf(self._time), reading.time
         self._steps += 1
         if self._has_path and self.is_driving and not is_first:
             return self._navigator.update(reading, pose) == FAILED
         (self._navigator.reset if is_first else self._navigator.sense)(reading)
         return False
-
-    def _without_people(self, reading: Reading, belief: Belief) -> np.ndarray:
-        if belief.on_people is None or reading.time < self._waited_until:
-            return reading.ranges
-        return np.where(belief.on_people, np.float32(np.nan), reading.ranges)
-
-    def _track(self, ranges: np.ndarray) -> None:
-        if self._tracker is not None:
-            self.tracks = self._planner.tracks = self._tracker.update(ranges, self._navigator.motion)
 
     def _is_due(self, period: float) -> bool:
         return self._steps % max(1, round(period / self._period)) == 0
@@ -407,12 +394,6 @@ class GoalNavigator(Explorer):
         self._has_path &= not is_driving_reactively
         return is_driving_reactively
 
-    def _is_blind(self, ranges: np.ndarray) -> bool:
-        self._blind_steps = self._blind_steps + 1 if np.isnan(ranges).all() else 0
-        if self._blind_steps * self._period > self.params.blind_time and self.is_driving:
-            self.end_reason = "blind"
-        return self._blind_steps > 0
-
 
 class HomeNavigator(GoalNavigator):
     """Drives a robot back to the origin of its map, through known space."""
@@ -425,5 +406,4 @@ class HomeNavigator(GoalNavigator):
     @property
     def home_reason(self) -> str | None:
         """Reason why the drive ended: `"arrived_home"` (by pose estimate) or `"no_path_home"`; None while driving."""
-        reasons = {None: None, "arrived": "arrived_home"}
-        return reasons.get(self.end_reason, "no_path_home")
+        return {None: None, "arrived": "arrived_home"}.get(self.end_reason, "no_path_home")

@@ -42,9 +42,8 @@ class CostmapParams:
         """Return the inflation radius in cells of side `resolution` [m]. Raise ValueError outside 1 to 180 cells."""
         reach = math.floor(self.inflation_radius / resolution + 1e-9)
         if not 1 <= reach <= 180:
-            raise ValueError(
-                f"inflation_radius must span 1 to 180 cells, got {self.inflation_radius} m at {resolution} m a cell"
-            )
+            given = f"{self.inflation_radius} m at {resolution} m a cell"
+            raise ValueError(f"inflation_radius must span 1 to 180 cells, got {given}")
         return reach
 
     def table(self, resolution: float) -> np.ndarray:

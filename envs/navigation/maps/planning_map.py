@@ -9,20 +9,14 @@ import numpy as np
 from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits, scan_ends
 from lidarnaut.envs.geometry import NO_WINDOW, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.geometry.occupancy_grid import known_window
-from lidarnaut.envs.navigation.frontiers.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
-from lidarnaut.envs.navigation.maps.costmap import COST_UNKNOWN, Costmap, CostmapParams
-from lidarnaut.envs.navigation.maps.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.maps.planning_kernels import (
-    cells_of,
-    clear_beams,
-    join_cells,
-    mark,
-    obstacle_cells,
-    update_costs,
-)
 from lidarnaut.envs.navigation.maps.planning_params import PlanningParams
-from lidarnaut.envs.navigation.search.astar import COST_WEIGHT, SCALE, STRAIGHT, new_expansion, step_weights
 from lidarnaut.envs.robots import LidarParams, RobotParams
+
+from ..frontiers.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
+from ..search.astar import COST_WEIGHT, SCALE, STRAIGHT, new_expansion, step_weights
+from .costmap import COST_UNKNOWN, Costmap, CostmapParams
+from .obstacles import NO_POINTS
+from .planning_kernels import cells_of, clear_beams, join_cells, mark, obstacle_cells, update_costs
 
 SAME_OBSTACLE = 0.15
 """Scanned obstacles within this distance of an occupied map cell count as already mapped [m]."""

@@ -9,21 +9,10 @@ from numba import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.geometry.rows import write_row
-from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN, Costmap
-from lidarnaut.envs.navigation.maps.obstacles import free_distance
-from lidarnaut.envs.navigation.search.astar import (
-    COST_WEIGHT,
-    NO_GOAL,
-    NO_STEP,
-    SCALE,
-    STEPS,
-    STRAIGHT,
-    UNREACHED,
-    begin,
-    expand,
-    search,
-    step_weights,
-)
+
+from ..maps.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN, Costmap
+from ..maps.obstacles import free_distance
+from .astar import COST_WEIGHT, NO_GOAL, NO_STEP, SCALE, STEPS, STRAIGHT, UNREACHED, begin, expand, search, step_weights
 
 SHORTCUT = 4.0
 """Maximum length of a straight line that replaces a stretch of a path [m]."""

@@ -34,8 +34,7 @@ def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray, ove
     Within `overlap` [m] of `frontier` (x, y), map frame, area is multiplied by distance divided by `overlap` (after
     Burgard, Moors, Stachniss, Schneider, "Coordinated multi-robot exploration", 2005).
     """
-    gaps = np.hypot(*(candidates["frontier"] - frontier).T)
-    candidates["visible"][:] *= np.minimum(gaps / overlap, 1.0)
+    candidates["visible"][:] *= np.minimum(np.hypot(*(candidates["frontier"] - frontier).T) / overlap, 1.0)
 
 
 class TeamNavigator:
@@ -110,11 +109,9 @@ class TeamNavigator:
         bodies, ends = as_bodies(pose, places, self._robot.radius), scan_ends(reading.ranges, self._geometry)
         for peer, here, body in zip(peers, places, bodies, strict=True):
             ahead = here.compose(Pose2D(peer.navigator.velocity.v * PREDICTION_TIME, 0.0, 0.0))
-            obstacles[peer.precedence > robot.precedence] += [
-                outline(pose, here, radius),
-                outline(pose, ahead, radius),
-                ends[are_on_bodies(ends, body[None], BODY_MARGIN)],
-            ]
+            points = [outline(pose, place, radius) for place in (here, ahead)]
+            points.append(ends[are_on_bodies(ends, body[None], BODY_MARGIN)])
+            obstacles[peer.precedence > robot.precedence] += points
         robot.bodies, robot.passing = np.concatenate(obstacles[False]), np.concatenate(obstacles[True])
         is_on = are_on_bodies(ends, bodies, BODY_MARGIN)
         return reading._replace(ranges=np.where(is_on, np.float32(np.nan), reading.ranges))
@@ -127,7 +124,7 @@ class TeamNavigator:
                 continue
             if not is_beside(self._poses[peer.index][:2], path, gap, BLOCKING_REACH):
                 continue
-            robot.navigator.restart_progress()
+            robot.navigator.record["stall_steps"] = -1
             if not (peer.yield_to(robot, self._poses[peer.index]) or robot.yield_to(peer, self._poses[robot.index])):
                 robot.fail()
             return

@@ -40,8 +40,7 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
     """Return True if a position is within `gap` [m] of the first `reach` metres of a path, shape (n, 2)."""
     if len(path) == 0:
         return False
-    near = path[lengths_along(path) <= reach]
-    return bool(np.hypot(*(near - position).T).min() < gap)
+    return bool(np.hypot(*(path[lengths_along(path) <= reach] - position).T).min() < gap)
 
 
 def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:

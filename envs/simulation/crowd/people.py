@@ -108,10 +108,8 @@ def draw_people(
         if placed == count:
             break
     else:
-        raise ValueError(
-            f"world {world.name!r} has room for {placed} of {count} people of a radius of {crowd.radius[1]:g} m, "
-            f"at least {ROBOT_GAP:g} m from robots; use fewer people or a larger world"
-        )
+        asked = f"{placed} of {count} people of a radius of {crowd.radius[1]:g} m, at least {ROBOT_GAP:g} m from robots"
+        raise ValueError(f"world {world.name!r} has room for {asked}; use fewer people or a larger world")
     rows[:, [at.X, at.Y]] = taken[first:, :2]
     return rows
 

@@ -123,7 +123,9 @@ class GMapping(KeyScanSlam):
             mode = Pose2D(*self._proposals.modes[self.best].tolist())
             fallback_pose = self._monitor.update(ranges, predicted, mode, fits, belief.grid)
             if fallback_pose is None:
-                self._draw()
+                noise = self.rng.standard_normal((len(self.poses), 3))
+                noise[self.best] = 0.0
+                self.poses = draw_poses(self._proposals, noise)
                 parents = self._weigh()
             else:
                 self._move(motion, fallback_pose)
@@ -131,8 +133,7 @@ class GMapping(KeyScanSlam):
         self._parents.append(parents)
         weights, best = normalized_weights(self.log_weights), self.poses[self.best]
         belief.covariance = spread(self.poses, weights, best)
-        is_spread = position_std(belief.covariance) > self.params.max_position_std
-        belief.is_lost = is_spread or self._monitor.is_lost
+        belief.is_lost = position_std(belief.covariance) > self.params.max_position_std or self._monitor.is_lost
         return Pose2D(*best.tolist()), 1.0 if fallback_pose is None else None
 
     def _propose(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
@@ -154,9 +155,8 @@ class GMapping(KeyScanSlam):
         if weights[is_poor].sum() >= 0.5:
             # The motion model failed, and its covariance is too small.
             half_width, half_angle = params.retry_distance / resolution, params.retry_angle
-            start = self._search(
-                num_points, motion, CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0)
-            )
+            window = CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0)
+            start = self._search(num_points, motion, window)
             wide = (params.retry_distance, half_angle)
             propose(self.map.maps, self.poses, tuple(motion), tuple(start), wide, *over, self._retried)
             take_better(found, self._retried, RETRY_GAIN * num_points)
@@ -167,11 +167,6 @@ class GMapping(KeyScanSlam):
             predicted = Pose2D(*self.poses[self.best].tolist()).compose(motion)
             notify(self.observers, predicted, tested, tested[self.best])
         return fits_map(self.map.grid, self._points[:, :num_points], found.modes[self.best].tolist(), LEAST_MAP_SHARE)
-
-    def _draw(self) -> None:
-        noise = self.rng.standard_normal((len(self.poses), 3))
-        noise[self.best] = 0.0
-        self.poses = draw_poses(self._proposals, noise)
 
     def _move(self, motion: Pose2D, pose: Pose2D) -> None:
         if self._monitor.is_found:

@@ -132,8 +132,7 @@ class ParticleMaps(GrowingMap):
     @property
     def maps(self) -> Maps:
         """Maps of all particles for scan matching, invalid after the next inserted scan."""
-        wide = self._tiles[1]
-        return Maps(self._pool, self._slots, wide, self._num_levels, self.corner, self.grid.resolution)
+        return Maps(self._pool, self._slots, self._tiles[1], self._num_levels, self.corner, self.grid.resolution)
 
     def occupancy(self, particle: int, level: int = 0) -> np.ndarray:
         """Return a particle's map at one resolution, shape (height, width) / 2^level, int8 [percent]."""

@@ -139,23 +139,19 @@ class GraphSlam(Hector):
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
         is_relocalized = len(self.nodes) > 0 and not self.local.active
         node = self.local.add_node(ranges)
-        self._add_to_graph(node)
-        if is_relocalized:
-            self._relate(node, pose)
-        self._mapped.append(pose)
-        if node % self.params.loop_every == 0:
-            self.search.add_candidates(node, len(self.nodes.spans) - len(self.local.active))
-        return self.map.integrate(ranges, pose)
-
-    def _add_to_graph(self, node: int) -> None:
         local, correction = self.local, self._graph_correction
         self.graph.add_node(correction.compose(local.pose))
         for submap in local.active:
             frame = self.nodes.submap_pose(submap)
             if submap == self.graph.num_submaps:
                 self.graph.add_submap(correction.compose(frame))
-            covariance = local.constraint_covariance(submap)
-            self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
+            self.graph.add_constraint(node, submap, frame.between(local.pose), local.constraint_covariance(submap))
+        if is_relocalized:
+            self._relate(node, pose)
+        self._mapped.append(pose)
+        if node % self.params.loop_every == 0:
+            self.search.add_candidates(node, len(self.nodes.spans) - len(self.local.active))
+        return self.map.integrate(ranges, pose)
 
     def _relate(self, node: int, pose: Pose2D) -> None:
         mapped, arrays = self._mapped.rows, self.graph.arrays
@@ -166,7 +162,7 @@ class GraphSlam(Hector):
         self.graph.add_constraint(node, submap, frame.between(by_graph), np.diag(FOUND_STD) ** 2, is_loop=True)
 
     def _close_loop(self) -> None:
-        loop = self.search.search_next()
+        loop = self.search.match(*self.search.queue.popleft()) if self.search.queue else None
         added = [] if loop is None else self._confirmation.add(loop)
         self._loop_nodes += len(added) > 0
         for loop in added:

@@ -62,10 +62,8 @@ class Loop(NamedTuple):
 
 def window_size(path_length: float, max_half_width: float) -> tuple[float, float]:
     """Return half width [m] and half angle [rad] of a loop-closure search; both grow with the distance driven [m]."""
-    return (
-        min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, max_half_width),
-        min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE),
-    )
+    half_angle = min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE)
+    return min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, max_half_width), half_angle
 
 
 @njit(cache=True, error_model="numpy")
@@ -121,10 +119,6 @@ class LoopSearch:
         for submap, window in self._candidates(node, num_finished - NUM_SKIPPED_SUBMAPS):
             self._searched[submap] = node
             self.queue.append((node, submap, window))
-
-    def search_next(self) -> Loop | None:
-        """Run the oldest queued search; return the loop closure if accepted."""
-        return self.match(*self.queue.popleft()) if self.queue else None
 
     def _candidates(self, node: int, count: int) -> list[tuple[int, tuple[float, float]]]:
         params, nodes = self._params, self._nodes

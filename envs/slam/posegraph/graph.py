@@ -71,10 +71,8 @@ class PoseGraph:
             ValueError: if the node or submap does not exist, or the covariance is not positive definite.
         """
         if not (0 <= node < len(self._nodes) and 0 <= submap < self.num_submaps):
-            raise ValueError(
-                f"node {node} or submap {submap} does not exist; there are {len(self._nodes)} nodes and "
-                f"{self.num_submaps} submaps"
-            )
+            known = f"there are {len(self._nodes)} nodes and {self.num_submaps} submaps"
+            raise ValueError(f"node {node} or submap {submap} does not exist; {known}")
         covariance = np.asarray(covariance, dtype=np.float64)
         try:
             np.linalg.cholesky(covariance)

@@ -30,7 +30,10 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
         core = _largest(_traversable(rng, shape, fill))
     # Free space is the union of all collision-free discs.
     distance = ndimage.distance_transform_edt(~core) * _STEP
-    _sweep(distance)
+    labels, _ = ndimage.label(distance >= _CLEARANCE_RADIUS)
+    small = np.bincount(labels.ravel()) * _STEP**2 < 0.1
+    small[0] = False
+    distance[small[labels]] = 0.0
     offset = (np.array([width, height]) - _STEP * (np.array(shape[::-1]) - 1)) / 2
     segments = contour(distance, _CLEARANCE_RADIUS, tolerance=0.25) * _STEP + np.tile(offset, 2)
     cells = np.argwhere(core)
@@ -53,13 +56,6 @@ def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) 
     framed = np.zeros(shape, dtype=bool)
     framed[edge:-edge, edge:-edge] = open_ground[edge:-edge, edge:-edge]
     return ndimage.distance_transform_edt(framed) * _STEP > _CLEARANCE_RADIUS
-
-
-def _sweep(distance: np.ndarray) -> None:
-    labels, _ = ndimage.label(distance >= _CLEARANCE_RADIUS)
-    small = np.bincount(labels.ravel()) * _STEP**2 < 0.1
-    small[0] = False
-    distance[small[labels]] = 0.0
 
 
 def _largest(mask: np.ndarray) -> np.ndarray:
@@ -158,5 +154,4 @@ def contour(field: np.ndarray, level: float, tolerance: float) -> np.ndarray:
     points = np.zeros((2 * field.size, 2))
     _march(field, level, links, points)
     segments = np.empty((np.count_nonzero(links[:, 0] >= 0), 4))
-    count = _trace(links, points, tolerance, segments)
-    return segments[:count]
+    return segments[: _trace(links, points, tolerance, segments)]

@@ -64,8 +64,7 @@ def door_leaf(rng: np.random.Generator, width: int) -> tuple[Item, bool]:
 
 
 def _random_block(length: tuple[float, float], depth: float | tuple[float, float], rng: np.random.Generator) -> Item:
-    drawn = float(rng.uniform(*length))
-    return block(drawn, float(rng.uniform(*depth)) if isinstance(depth, tuple) else depth)
+    return block(float(rng.uniform(*length)), float(rng.uniform(*depth)) if isinstance(depth, tuple) else depth)
 
 
 cupboard = partial(_random_block, (0.8, 2.0), (0.4, 0.6))

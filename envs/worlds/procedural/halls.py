@@ -50,8 +50,7 @@ def _divide(rng: np.random.Generator, plan: FloorPlan) -> list[Rect]:
 
 def _cut_corners(rng: np.random.Generator, plan: FloorPlan, halls: list[Rect]) -> None:
     x0, y0, x1, y1 = plan.floor
-    most = min(min(extent(hall, 0)) for hall in halls)
-    u, v = (most * rng.uniform(0.1, 0.35, size=2)).tolist()
+    u, v = (min(min(extent(hall, 0)) for hall in halls) * rng.uniform(0.1, 0.35, size=2)).tolist()
     rows, cols = np.ogrid[0.5 : plan.height, 0.5 : plan.width]
     each = rng.random() < 0.6
     for x, y in product((cols - x0, x1 - cols), (rows - y0, y1 - rows)):

@@ -23,8 +23,7 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _lines(length: float, count: int) -> np.ndarray:
-    pitch = (length - _WALL) / count
-    starts = pitch * np.arange(count + 1)
+    starts = (length - _WALL) / count * np.arange(count + 1)
     return np.column_stack([starts, starts + _WALL]).ravel()
 
 
@@ -39,11 +38,8 @@ def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
     trail = [(0, 0)]
     while trail:
         row, col = trail[-1]
-        unvisited = [
-            (r, c)
-            for r, c in ((row, col + 1), (row, col - 1), (row + 1, col), (row - 1, col))
-            if 0 <= r < rows and 0 <= c < cols and (r, c) not in visited
-        ]
+        beside = (row, col + 1), (row, col - 1), (row + 1, col), (row - 1, col)
+        unvisited = [(r, c) for r, c in beside if 0 <= r < rows and 0 <= c < cols and (r, c) not in visited]
         if not unvisited:
             trail.pop()
             continue

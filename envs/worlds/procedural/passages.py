@@ -54,10 +54,8 @@ def build_doorway(name: str, rng: np.random.Generator, size: Size) -> World:
     rooms = [(_WALL, _WALL, middle - half, height - _WALL), (middle + half, _WALL, width - _WALL, height - _WALL)]
     walls = _walls_around(size, [*rooms, (middle - half, y, middle + half, y + door)])
     start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_WALL + _END_DISTANCE, width - _WALL - _END_DISTANCE))
-    bodies = [
-        _scatter(rng, room, int(rng.integers(3)), [point, (middle, y), (middle, y + door)])
-        for room, point in zip(rooms, (start, goal))
-    ]
+    ends, posts = zip(rooms, (start, goal)), ((middle, y), (middle, y + door))
+    bodies = [_scatter(rng, room, int(rng.integers(3)), [point, *posts]) for room, point in ends]
     segments, circles = (np.vstack(parts) for parts in zip(*bodies))
     world = world_within(name, size, rng, start, np.vstack([walls, segments]), circles)
     return with_goals(world, [(start, goal), (goal, start)])

@@ -115,11 +115,10 @@ class FloorPlan:
         rects = [turn((a, b + gap, c, d + gap), room, side, along) for a, b, c, d in item.rects]
         turned = [turn((x, y + gap, x, y + gap), room, side, along) for x, y, _ in item.discs]
         discs = [(x, y, radius) for (x, y, _, _), (_, _, radius) in zip(turned, item.discs)]
-        grown = [
-            (a - ROBOT_HALF_SIDE, b - ROBOT_HALF_SIDE, c + ROBOT_HALF_SIDE, d + ROBOT_HALF_SIDE) for a, b, c, d in rects
-        ]
+        reach = ROBOT_HALF_SIDE
+        grown = [(a - reach, b - reach, c + reach, d + reach) for a, b, c, d in rects]
         for x, y, radius in discs:
-            far = radius + ROBOT_HALF_SIDE
+            far = radius + reach
             grown.append((math.floor(x - far), math.floor(y - far), math.ceil(x + far), math.ceil(y + far)))
         low_x, low_y, high_x, high_y = zip(*grown)
         nearby = self.blocked[max(min(low_y) - 1, 0) : max(high_y) + 1, max(min(low_x) - 1, 0) : max(high_x) + 1]

@@ -47,8 +47,7 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 def _corridors(rng: np.random.Generator, floor: Rect, shape: str) -> list[Rect]:
     x_lines, width = _lines(rng, floor[0], floor[2])
     y_lines, height = _lines(rng, floor[1], floor[3])
-    turned = rng.random() < 0.5
-    upright, level = _SHAPES[shape][::-1] if turned else _SHAPES[shape]
+    upright, level = _SHAPES[shape][::-1] if rng.random() < 0.5 else _SHAPES[shape]
     corridors = [(x_lines[i], y_lines[a], x_lines[i] + width, y_lines[b] + height) for i, a, b in upright]
     corridors += [(x_lines[a], y_lines[i], x_lines[b] + width, y_lines[i] + height) for i, a, b in level]
     # Mirror the shape at random.
