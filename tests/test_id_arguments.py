@@ -69,7 +69,7 @@ CHANGES = {
     "false_returns": (0.3, {}),
     "goal": ("random", {}),
     "goal_tolerance": (50.0, {"heading_tolerance": math.pi}),
-    "heading_tolerance": (1e-4, {"heading_tolerance": math.pi, "goal_tolerance": 50.0, "goal": (0.4, 0.4, 0.0)}),
+    "heading_tolerance": (1e-4, {"heading_tolerance": math.pi, "goal_tolerance": 50.0}),
     "min_distance": (2.4, {"min_distance": 0.1, **RANDOM_GOAL}),
     "goal_given": ("bearing", {}),
     "contact": ("costs", {}),
