@@ -13,10 +13,10 @@ from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines.frontier.pursuit_explorer import PERIOD, PursuitDriving
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.frontier.rules import nearest
+from lidarnaut.baselines.policy import ObservationPolicy
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.files import printable, read_bytes, read_json, write_folder
 from lidarnaut.envs.navigation import FEATURES, NUM_SECTORS, FrontierNavigator, robot_features
-from lidarnaut.envs.robots import RobotParams
 
 from .features import NAMES, NUM_FEATURES, PRIOR, score_features
 from .tasks import SPLIT
@@ -28,11 +28,10 @@ MAX_CANDIDATES = 48
 PRETRAINED = Path(__file__).parents[1] / "pretrained"
 
 
-class FrontierScore:
+class FrontierScore(ObservationPolicy):
     """Policy that selects the frontier candidate with the largest weighted sum of features."""
 
     level = "decision"
-    end_reason = plan = None
 
     def __init__(self, weights: np.ndarray = PRIOR) -> None:
         """Set the feature weights, shape (NUM_FEATURES,), float64; raise ValueError if invalid."""
@@ -40,9 +39,6 @@ class FrontierScore:
         if weights.shape != (NUM_FEATURES,) or not np.isfinite(weights).all():
             raise ValueError(f"weights must be {NUM_FEATURES} finite numbers, got shape {weights.shape}")
         self.weights = weights
-
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Do nothing, because the policy has no state."""
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.int64:
         scores = self.rate(observation)[1]

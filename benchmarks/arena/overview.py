@@ -182,7 +182,7 @@ def case_sections(
     traces = {one: [Trace.load(trace_path(folder, row)) for row in episodes.of(one)] for one in episodes.policies}
     curves = {policy: [[trace.curve for trace in some]] for policy, some in traces.items()}
     firsts, growth, maps = {policy: some[0] for policy, some in traces.items()}, [], []
-    if any(trace.has_grown for trace in firsts.values()):
+    if any(len(np.unique(one.known_since[np.isfinite(one.known_since)])) > 1 for one in firsts.values()):
         caption = f"All from the same start. {COLORS}"
         figure = Figure(f"growth_{place}", render(draw_growth, firsts), caption, is_wide=True)
         growth = [Section(f"Growth of the maps (seed {seed})", (figure,), 3)]
