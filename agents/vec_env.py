@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs.registration import load_env_creator
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
@@ -31,6 +31,11 @@ def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
     return env if env is env.unwrapped else LastInfo(env)
 
 
+def _make_single(spec: EnvSpec, may_end: bool, arguments: dict[str, Any]) -> gymnasium.Env:
+    env = gymnasium.make(spec, **arguments)
+    return LastInfo(env) if may_end else env
+
+
 def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
     """Create an environment with the worlds of a split; ValueError if the configuration is invalid."""
     env = gymnasium.make(find_spec(config.id), **_arguments(config, split))
@@ -42,9 +47,7 @@ def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
     return env
 
 
-def make_vector(
-    config: EnvironmentConfig, split: Split, num_envs: int
-) -> VectorEnv[Observations, np.ndarray, np.ndarray]:
+def make_vector(config: EnvironmentConfig, split: Split, num_envs: int) -> VectorEnv[Observations, Any, Any]:
     """Create a vector environment with same-step autoreset; each of `environment.robots` drives in an equal share.
 
     Raises ValueError if the id or an argument is invalid, or observations of the robots differ.
@@ -65,7 +68,8 @@ def make_vector(
             settings["context"] = "forkserver"
             multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])
     if mode != "native":
-        makers = [partial(_make, partial(gymnasium.make, spec), **{**arguments, **one}) for one in variants]
+        may_end = bool(spec.max_episode_steps or spec.additional_wrappers) or not isinstance(entry, type)
+        makers = [partial(_make_single, spec, may_end, {**arguments, **variant}) for variant in variants]
         kind = AsyncVectorEnv if mode == "async" else SyncVectorEnv
         return kind([makers[i * len(makers) // num_envs] for i in range(num_envs)], **settings)
     settings |= {"num_workers": config.num_workers, "variants": variants}

@@ -66,9 +66,7 @@ class OnePerRobot(Explorer):
         super().reset(robot, control_period, rng)
         self._explorers = []
 
-    def act(  # type: ignore[override]
-        self, readings: Sequence[Reading], beliefs: Sequence[Belief]
-    ) -> list[Twist]:
+    def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:  # type: ignore[override]
         if not self._explorers:
             self._explorers = [copy.deepcopy(self._explorer) for _ in readings]
             for explorer, own in zip(self._explorers, self.rng.spawn(len(readings)), strict=True):

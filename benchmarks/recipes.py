@@ -125,15 +125,13 @@ def _times(rows: Sequence[Row]) -> list[str]:
 
 
 def _overview() -> Table:
-    lines = []
+    rows = []
     for name, path in RECIPES.items():
         recipe = read_mapping(path)
         observed = ", ".join(recipe["environment"].get("observations", ["of the id"]))
         texts = name, recipe["algorithm"], f"{recipe['total_steps']:,}", str(recipe["num_envs"]), observed
-        lines.append([Cell(text) for text in texts])
-    return Table(
-        ("recipe", "algorithm", "steps", "sub-environments", "observations"), lines, words=(1, 4), is_open=True
-    )
+        rows.append([Cell(text) for text in texts])
+    return Table(("recipe", "algorithm", "steps", "sub-environments", "observations"), rows, words=(1, 4), is_open=True)
 
 
 if __name__ == "__main__":

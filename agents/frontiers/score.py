@@ -47,9 +47,8 @@ class FrontierScore(ObservationPolicy):
     def rate(self, observation: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return features, shape (k, NUM_FEATURES), and scores, shape (k,), float64, of all k frontier candidates."""
         count = int(observation["action_mask"].sum())
-        features = score_features(
-            observation["candidates"], observation["sectors"], observation["gaps"], observation["robot"], count
-        )
+        candidates, sectors, gaps, robot = (observation[name] for name in ("candidates", "sectors", "gaps", "robot"))
+        features = score_features(candidates, sectors, gaps, robot, count)
         return features, features @ self.weights - FAILURE_PENALTY * (features[:, NAMES.index("failures")] > 0)
 
     def save(self, folder: Path, record: Mapping[str, Any]) -> None:

@@ -91,10 +91,8 @@ def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Pr
                 continue
             units |= {mark.limit: value_of(same_start, mark) for mark in marks}
         curve = load_curve(folder, row)
-        scaled = ProgressCurve(
-            curve.time / units["time_limit"], curve.path_length / units["distance_limit"], curve.progress
-        )
-        curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(scaled)
+        over = curve.time / units["time_limit"], curve.path_length / units["distance_limit"]
+        curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(ProgressCurve(*over, curve.progress))
     return {policy: list(strata.values()) for policy, strata in curves.items()}
 
 

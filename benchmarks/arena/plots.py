@@ -179,10 +179,8 @@ def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
         last = int(np.argmax(moments >= end))
         for axes, moment in zip(row[: last + 1], (*moments[:last], end)):
             draw_map(axes, trace, moment, max(ends), extent)
-            fraction = float(np.interp(moment, trace.curve.time, trace.curve.progress))
-            axes.set_title(
-                f"{'end, ' if moment == end else ''}{moment:.0f} s: {100 * fraction:.0f} %", fontsize=9, pad=3
-            )
+            share = float(np.interp(moment, trace.curve.time, trace.curve.progress))
+            axes.set_title(f"{'end, ' if moment == end else ''}{moment:.0f} s: {100 * share:.0f} %", fontsize=9, pad=3)
         for axes in row[last + 1 :]:
             show_only(axes, extent, PAPER)
         row[0].set_ylabel(short(policy), fontsize=10)

@@ -52,14 +52,9 @@ class Figure:
         if len(self.runs) > 1:
             values = {f"{self.item}, median of {len(self.runs)}": self.median}
             values[f"{self.item}, worst of {len(self.runs)}"] = self.worst
+        known = {"unit": self.unit, "document": self.document}
         return [
-            {
-                "item": item,
-                "unit": self.unit,
-                "document": self.document,
-                "here": value if math.isfinite(value) else None,
-                "better": self.is_better(value),
-            }
+            {"item": item, **known, "here": value if math.isfinite(value) else None, "better": self.is_better(value)}
             for item, value in values.items()
         ]
 
