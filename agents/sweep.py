@@ -172,9 +172,9 @@ def _slug(name: str) -> str:
 def _read_excluded(data: Mapping[str, Any], axes: Mapping[str, Any], source: str) -> list[dict[str, list[Any]]]:
     rules = list(data.get("exclude") or [])
     for key, values in itertools.chain.from_iterable(rule.items() for rule in rules):
-        known = list(axes.get(key, ()))
-        if not isinstance(values, list) or any(value not in known for value in values):
-            raise ValueError(f"{source}: exclude must list values of the sweep, got {key}: {values}; {key} has {known}")
+        own = list(axes.get(key, ()))
+        if not isinstance(values, list) or any(value not in own for value in values):
+            raise ValueError(f"{source}: exclude must hold lists of sweep values, got {key}: {values}; {key} has {own}")
     return rules
 
 
