@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from scipy import ndimage
@@ -27,7 +28,7 @@ from lidarnaut.benchmarks.drives.recording import (
 from lidarnaut.envs.arguments import choose_robot
 from lidarnaut.envs.command_line import Count
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
-from lidarnaut.envs.localization import PRESETS, Amcl, AmclParams
+from lidarnaut.envs.localization import PRESETS, Amcl, AmclParams, load_preset
 from lidarnaut.envs.logs import Log, load_log, rms, trajectory_errors
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam import KnownPoses, TinySlamParams
@@ -87,14 +88,14 @@ def localize(
 
 
 @lru_cache(maxsize=4)
-def load_known_world(name: str) -> Setup:
+def load_known_world(name: str, physics: str = "kinematic") -> Setup:
     """Load a library world and its default robot, for localization on the true map.
 
     The map is offset by half a cell, because walls of library worlds lie on cell borders.
     """
     world, half = load_world(name), 0.5 * RESOLUTION
     bounds = np.array(world.bounds) + (-half, -half, half, half)
-    return make_setup(replace(world, bounds=tuple(bounds.tolist())), choose_robot(None, name), "kinematic")
+    return make_setup(replace(world, bounds=tuple(bounds.tolist())), choose_robot(None, name), physics)
 
 
 def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: float) -> Drive:
@@ -126,6 +127,8 @@ def compare_amcl(
     runs: Count = 100,
     jobs: Count = 2,
     worlds: tuple[str, ...] = WORLDS,
+    physics: Literal["kinematic", "bullet"] = "kinematic",
+    preset: str = "default",
     first_seed: int = 0,
 ) -> list[Row]:
     """Measure AMCL in known worlds: pose tracking, global localization and kidnapped robots.
@@ -134,14 +137,16 @@ def compare_amcl(
         runs: number of seeds per world.
         jobs: number of processes.
         worlds: library worlds.
+        physics: simulator.
+        preset: parameter preset of AMCL.
         first_seed: seed of the first run.
     """
     rows = []
     for world in worlds:
-        tasks = [(world, seed) for seed in range(first_seed, first_seed + runs)]
+        tasks = [(world, preset, physics, seed) for seed in range(first_seed, first_seed + runs)]
         found = run_each(run, tasks, jobs, world)
         done = {key: np.array([one[key] for one in found]) for key in found[0]}
-        row: Row = {"world": world, "symmetries": len(symmetries(known_map(load_known_world(world).area)))}
+        row: Row = {"world": world, "symmetries": len(symmetries(known_map(load_known_world(world, physics).area)))}
         row |= {f"tracking_rmse_{unit}": rms(done[f"tracking_{unit}"]) for unit in ("m", "deg")}
         row |= {f"tracking_worst_run_{unit}": float(done[f"tracking_{unit}"].max()) for unit in ("m", "deg")}
         for what in ("global_after", "kidnapped_after", "kidnapped_noticed_after"):
@@ -159,10 +164,10 @@ def time_quantile(times: Sequence[float], share: float) -> float | None:
     return float(np.quantile(np.nan_to_num(times), share))
 
 
-def run(world: str, seed: int) -> Row:
+def run(world: str, preset: str, physics: str, seed: int) -> Row:
     """Measure AMCL in one world with one seed: pose tracking, global localization and a kidnapped robot."""
-    setup = load_known_world(world)
-    grid, amcl = known_map(setup.area), Amcl(setup.robot.lidar, PRESETS["default"])
+    setup = load_known_world(world, physics)
+    grid, amcl = known_map(setup.area), Amcl(setup.robot.lidar, load_preset(preset))
     first, second = np.random.SeedSequence(seed).spawn(2)
     drive = record_from_anywhere(setup, first, TRACKING_TIME)
     elsewhere = record_from_anywhere(setup, second, RECOVERY_TIME)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -33,6 +34,8 @@ def compare_teams(
     policies: tuple[str, ...] = ("rrt_team",),
     episodes: Count = 4,
     jobs: Count = 2,
+    seed: int = 0,
+    physics: Literal["kinematic", "bullet"] = "kinematic",
     slam: str = DEFAULT_SLAM,
     out: Path = Path("runs/team"),
 ) -> list[Row]:
@@ -44,6 +47,8 @@ def compare_teams(
         policies: classic team policies; times are relative to the first.
         episodes: seeds per world.
         jobs: number of processes.
+        seed: first seed.
+        physics: simulator.
         slam: SLAM with maps that robots can share.
         out: output folder; an interrupted run resumes.
     """
@@ -58,7 +63,8 @@ def compare_teams(
                 policies=(policy,),
                 worlds=here,
                 episodes=episodes,
-                physics=("kinematic",),
+                seed=seed,
+                physics=(physics,),
                 slam=(slam,),
                 arguments={"num_robots": num, "target_coverage": MARK, **more},
             )
