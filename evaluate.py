@@ -92,9 +92,8 @@ def main(arguments: list[str] | None = None) -> int:
         if command.verbose:
             show_log()
         if not command.report:
-            failures = run_with_progress(
-                evaluation, command.jobs, messages, ray=command.ray, bags=command.bags, record=command.record
-            )
+            how = {"ray": command.ray, "bags": command.bags, "record": command.record}
+            failures = run_with_progress(evaluation, command.jobs, messages, **how)
         if command.shard is not None:
             messages.print(f"Shard {command.shard} is done; run the same command without --shard to publish.")
             return 1 if failures else 0

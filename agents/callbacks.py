@@ -86,7 +86,11 @@ class RunCallback(BaseCallback):
         self._mark_best()
 
     def _on_rollout_start(self) -> None:
-        self._estimate_rate()
+        self._num_rollouts += 1
+        if self._num_rollouts > 1:
+            self._timed += self.num_timesteps - self._began[0], time.monotonic() - self._began[1]
+        if self._num_rollouts > MIN_ROLLOUTS:
+            self._bar.rate = float(self._timed[0] / self._timed[1])
         every = self._config.evaluation.every
         past = [int(row["steps"]) for row in self._evaluations]
         is_due = not past or self.num_timesteps // every > past[-1] // every
@@ -103,13 +107,6 @@ class RunCallback(BaseCallback):
             self._mark_best()
         self._references.start()  # after kernels are compiled, which every worker would do as well
         self._began = self.num_timesteps, time.monotonic()
-
-    def _estimate_rate(self) -> None:
-        self._num_rollouts += 1
-        if self._num_rollouts > 1:
-            self._timed += self.num_timesteps - self._began[0], time.monotonic() - self._began[1]
-        if self._num_rollouts > MIN_ROLLOUTS:
-            self._bar.rate = float(self._timed[0] / self._timed[1])
 
     def _on_step(self) -> bool:
         rewards = self.locals["rewards"]

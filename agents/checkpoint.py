@@ -125,10 +125,8 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
         CheckpointError: if writing fails.
     """
     folder = run / "checkpoints" / f"step_{checkpoint.record.steps:09d}"
-    tensors = {
-        POLICY_FILE: safetensors.torch.save(checkpoint.policy),
-        TRAINING_FILE: safetensors.torch.save(checkpoint.training),
-    }
+    save = safetensors.torch.save
+    tensors = {POLICY_FILE: save(checkpoint.policy), TRAINING_FILE: save(checkpoint.training)}
     sha256 = {name: hashlib.sha256(content).hexdigest() for name, content in tensors.items()}
     record = checkpoint.record.model_copy(update={"sha256": sha256})
     try:

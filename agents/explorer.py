@@ -95,8 +95,7 @@ class LearnedPolicy(ObservationPolicy):
         if trained is None:
             raise CheckpointError(
                 f"{self._name} needs scans of {scan.shape[0]} beams, but the lidar of robot {robot.name!r} has "
-                f"{robot.lidar.num_beams}; use a robot with the training lidar, or train with "
-                "environment.robot"
+                f"{robot.lidar.num_beams}; use a robot with the training lidar, or train with environment.robot"
             )
         lidar = load_robot(trained).lidar
         match = lidar.directions.T @ robot.lidar.directions

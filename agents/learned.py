@@ -56,9 +56,7 @@ def load_policy(
     folder = find_policy(policy)
     if (folder / RECORD_FILE).exists():
         if not deterministic:
-            raise CheckpointError(
-                f"{folder} is a frontier score, which is always deterministic; leave out deterministic"
-            )
+            raise CheckpointError(f"{folder} is a frontier score, always deterministic; leave out deterministic")
         return (PursuitScoreExplorer if pursuit else ScoreExplorer)(FrontierScore.load(folder))
     if pursuit:
         raise CheckpointError(f"{folder} is not a frontier score, which pursuit requires; use learned:PATH")

@@ -67,9 +67,8 @@ class FlatFeatures(ExplorerFeatures):
 
     def forward(self, observations: Tensor) -> Tensor:  # type: ignore[override]
         pieces = observations.split([math.prod(shape) for shape in self._shapes.values()], dim=1)
-        return super().forward(
-            {key: piece.reshape(-1, *shape) for (key, shape), piece in zip(self._shapes.items(), pieces, strict=True)}
-        )
+        parts = zip(self._shapes.items(), pieces, strict=True)
+        return super().forward({key: piece.reshape(-1, *shape) for (key, shape), piece in parts})
 
 
 class JointPolicy(ActorCriticPolicy):

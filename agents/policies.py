@@ -14,9 +14,7 @@ from lidarnaut.baselines.policy import Policy
 from lidarnaut.envs.core import lidar_env_of
 
 
-def make_policy(
-    policy: Any, env: gymnasium.Env[Any, Any] | spaces.Space | None = None, *, trust: Iterable[str] = ()
-) -> Policy:
+def make_policy(policy: Any, env: gymnasium.Env | spaces.Space | None = None, *, trust: Iterable[str] = ()) -> Policy:
     """Return a policy with a given name, or made from an object.
 
     Names are those of the command line, see `lidarnaut.agents.policy_names.parse_policy`: for example `pursuit`,

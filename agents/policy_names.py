@@ -42,16 +42,11 @@ class Policy:
 
     name: str
     """Name or label given by the user, with a suffix if the policy uses ground truth."""
-    source: Any = None
-    """Policy object, class or function, or its import path `module:attribute`; None for a learned policy."""
+    source: Any
+    """Policy object, class or function, or its import path `module:attribute`. With a checkpoint, its arguments of
+    `load_policy`."""
     checkpoint: str = ""
     """Path of the checkpoint folder of a learned policy; empty for other policies."""
-    is_pursuit: bool = False
-    """Whether the checkpoint only scores frontiers, and the explorer `pursuit` drives the robot."""
-    deterministic: bool = True
-    """Whether a learned policy takes its most likely action; otherwise it samples."""
-    trust: tuple[str, ...] = ()
-    """Python modules and `module:attribute` names that a checkpoint may import."""
     model: str = ""
     """First 12 digits of the SHA-256 hash of the network weights."""
     observes: bool = False
@@ -66,8 +61,7 @@ class Policy:
         if self.checkpoint:
             from lidarnaut.agents.learned import load_policy
 
-            how: dict[str, Any] = {"pursuit": self.is_pursuit, "deterministic": self.deterministic, "trust": self.trust}
-            source = load_policy(Path(self.checkpoint), **how)
+            source = load_policy(Path(self.checkpoint), **self.source)
         return adopt(source, space)
 
 
@@ -117,7 +111,8 @@ def parse_policy(
         pattern, at, which = path.rpartition("@") if "@" in path else (path, "", "")
         runs = glob.glob(path) or [f"{run}{at}{which}" for run in glob.glob(pattern)]
         folder = find_policy(max(runs, default=path)).resolve()
-        policy = Policy(label, None, str(folder), kind == "pursuit", deterministic, tuple(trust))
+        how = {"pursuit": kind == "pursuit", "deterministic": deterministic, "trust": tuple(trust)}
+        policy = Policy(label, how, str(folder))
         made = policy.make()  # reports a damaged checkpoint
         return replace(_checked(policy, made), model=fingerprint(folder)[:12])
     if (base if changes else what) in ALL:

@@ -99,7 +99,7 @@ def run_sweep(
     held: Any = _processes(jobs) if jobs > 1 else contextlib.nullcontext()
     if ray is not None:
         held = make_pool(None, ray, [member.config.model_dump() for member in members])
-    failures: dict[Path, str] = {}
+    failures, again = dict[Path, str](), resuming(folder, data)
     try:
         with held as pool, Progress(total=len(members), unit="training", disable=not progress) as bar:
             own_folder(folder)
@@ -112,13 +112,11 @@ def run_sweep(
                 failures |= {member.run: failure} if failure else {}
                 bar.update()
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"in a sweep; resume with {resuming(folder, data)}") from None
+        raise KeyboardInterrupt(f"in a sweep; resume with {again}") from None
     _summarise([member for member in members if member.run not in failures], folder, progress)
     if failures:
         said = "\n".join(f"{run.name}: {failure}" for run, failure in failures.items())
-        raise ValueError(
-            f"{len(failures)} of {len(members)} trainings failed; retry with {resuming(folder, data)}:\n{said}"
-        )
+        raise ValueError(f"{len(failures)} of {len(members)} trainings failed; retry with {again}:\n{said}")
     return folder
 
 
@@ -174,11 +172,9 @@ def _slug(name: str) -> str:
 def _read_excluded(data: Mapping[str, Any], axes: Mapping[str, Any], source: str) -> list[dict[str, list[Any]]]:
     rules = list(data.get("exclude") or [])
     for key, values in itertools.chain.from_iterable(rule.items() for rule in rules):
-        known = list(axes.get(key, ()))
-        if not isinstance(values, list) or any(value not in known for value in values):
-            raise ValueError(
-                f"{source}: exclude must hold lists of values of the sweep, got {key}: {values}; {key} has {known}"
-            )
+        own = list(axes.get(key, ()))
+        if not isinstance(values, list) or any(value not in own for value in values):
+            raise ValueError(f"{source}: exclude must hold lists of sweep values, got {key}: {values}; {key} has {own}")
     return rules
 
 
@@ -261,7 +257,7 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
             table.append({**member.values, "seed": member.config.seed, TIME: processor_time(member.run), **last})
             label = member.label + str(last["policy"]).removeprefix(LEARNED)
             curves.setdefault(label, []).append(curve_of(rows))
-        intervals = {label: np.array([_point(rows) for rows in zip(*runs)]) for label, runs in curves.items()}
+        intervals = {label: np.array(list(map(_point, zip(*runs)))) for label, runs in curves.items()}
         picture = folder / (f"{_slug(group)}.png" if group else PICTURE)
         with naming(picture):
             draw_sweep(intervals, headline, group or folder.name, picture)

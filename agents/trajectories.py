@@ -115,9 +115,8 @@ class TrajectoryNetwork(nn.Module):
         facing = (turn.cos() * goal[:, :, 0] + turn.sin() * goal[:, :, 1]) / goal.norm(dim=2).clamp(min=1e-6)
         change = (self.twists - observations["motion"][:, None, LAST_ACTION]).abs()
         own = self.twists.expand(shown.shape[0], -1, -1)
-        twists = torch.cat(
-            [shown, torch.stack([nearer, facing], dim=2), change, own[:, :, :1], own[:, :, 1:].abs()], dim=2
-        )
+        effects = torch.stack([nearer, facing], dim=2)
+        twists = torch.cat([shown, effects, change, own[:, :, :1], own[:, :, 1:].abs()], dim=2)
         others = torch.cat([observations[name].flatten(1) for name in self._others], dim=1)
         # Split layer: features common to all twists are multiplied once.
         weight, shared = self.embed.weight.split([twists.shape[2], others.shape[1]], dim=1)

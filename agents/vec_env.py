@@ -47,9 +47,7 @@ def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
     return env
 
 
-def make_vector(
-    config: EnvironmentConfig, split: Split, num_envs: int
-) -> VectorEnv[Observations, np.ndarray, np.ndarray]:
+def make_vector(config: EnvironmentConfig, split: Split, num_envs: int) -> VectorEnv[Observations, Any, Any]:
     """Create a vector environment with same-step autoreset; each of `environment.robots` drives in an equal share.
 
     Raises ValueError if the id or an argument is invalid, or observations of the robots differ.

@@ -87,9 +87,7 @@ TEAMS: Mapping[str, Makers] = {
     }
 }
 """Constructors of team policies by name, grouped by the attribute that a task must have."""
-ALL: Makers = {
-    name: make for makers in (*OFFERED.values(), *TEAMS.values(), EXPLORERS) for name, make in makers.items()
-}
+ALL: Makers = {name: make for some in (*OFFERED.values(), *TEAMS.values(), EXPLORERS) for name, make in some.items()}
 """Constructors of all policies by name; an explorer, if policies of several tasks have the same name."""
 
 

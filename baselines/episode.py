@@ -124,9 +124,7 @@ class Episode:
         return self.values[name]
 
 
-def begin_episode(
-    env: gymnasium.Env[Any, Any], policy: Policy, seed: int, rng: np.random.Generator
-) -> tuple[Observation, Info]:
+def begin_episode(env: gymnasium.Env, policy: Policy, seed: int, rng: np.random.Generator) -> tuple[Observation, Info]:
     """Reset an environment and a policy; return the first observation and `info`.
 
     A route of the task is passed to the policy's `set_route`, and ground truth to a `PrivilegedPolicy`.

@@ -8,7 +8,9 @@ import gymnasium
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.navigation.policy import Explorer, Level, ObservationPolicy, Policy, wrap
+from lidarnaut.envs.navigation.policy import Explorer, Policy, wrap
+from lidarnaut.envs.navigation.policy import Level as Level
+from lidarnaut.envs.navigation.policy import ObservationPolicy as ObservationPolicy
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.coverage import Coverage
@@ -64,9 +66,7 @@ class OnePerRobot(Explorer):
         super().reset(robot, control_period, rng)
         self._explorers = []
 
-    def act(  # type: ignore[override]
-        self, readings: Sequence[Reading], beliefs: Sequence[Belief]
-    ) -> list[Twist]:
+    def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:  # type: ignore[override]
         if not self._explorers:
             self._explorers = [copy.deepcopy(self._explorer) for _ in readings]
             for explorer, own in zip(self._explorers, self.rng.spawn(len(readings)), strict=True):
@@ -77,17 +77,3 @@ class OnePerRobot(Explorer):
 def to_action(twist: Twist, robot: RobotParams) -> np.ndarray:
     """Return a velocity command divided by the robot's limits and clipped to [-1, 1], shape (2,), float32."""
     return np.clip(np.array([twist.v / robot.max_v, twist.w / robot.max_w], dtype=np.float32), -1.0, 1.0)
-
-
-__all__ = [
-    "GROUND_TRUTH",
-    "Explorer",
-    "Level",
-    "ObservationPolicy",
-    "OnePerRobot",
-    "Policy",
-    "PrivilegedPolicy",
-    "marked",
-    "to_action",
-    "wrap",
-]

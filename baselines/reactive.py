@@ -55,12 +55,8 @@ class RandomChooser(RuleExplorer):
     def __init__(self) -> None:
         super().__init__(self._draw)
 
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        super().reset(robot, control_period, rng)
-        self._rng = rng
-
     def _draw(self, candidates: Candidates, belief: Belief) -> np.ndarray:
-        return np.arange(len(candidates)) == self._rng.integers(len(candidates))
+        return np.arange(len(candidates)) == self.rng.integers(len(candidates))
 
 
 class WallFollower(Explorer):

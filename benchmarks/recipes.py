@@ -69,7 +69,10 @@ def main(
     if unknown := [name for name in ids if name not in RECIPES]:
         raise ValueError(f"unknown recipe {explain_unknown(unknown[0], RECIPES)}")
     sections, tables = [Section("Recipes", (_overview(),))], dict[str, list[Row]]()
-    kept = _sections_of(docs / "recipes.md")
+    page = docs / "recipes.md"
+    parts = read_bytes(page).decode().split("\n## ")[1:] if page.exists() else []
+    found = (part.partition("\n\n") for part in parts if MISSING not in part)
+    kept = {name: Markdown(text.strip()) for name, _, text in found}  # sections with results
     for name in RECIPES:
         data: dict[str, Any] = {"experiment": name, "environment": {"id": f"lidarnaut/{name}"}}
         data["seeds"] = list(range(seeds))
@@ -79,7 +82,7 @@ def main(
         members = expand(data, name, out / name)
         tables[name] = rows = [row for member in members if is_finished(member) for row in _results(member)]
         sections.append(_section(name, members, rows) if rows or name not in kept else Section(name, (kept[name],)))
-    write_markdown("Recipes", TEXT, sections, docs / "recipes.md", docs / "recipes")
+    write_markdown("Recipes", TEXT, sections, page, docs / "recipes")
     for name, rows in tables.items():
         if rows:
             write_file(docs / "recipes" / f"{name}.json", json.dumps(rows, indent=1))
@@ -96,13 +99,6 @@ def _results(member: Member) -> list[Row]:
             row = {"steps": int(last.name[5:]), **evaluator.policy(policy, TEST)}
         write_file(kept, json.dumps(row))
     return [*rows, {"seed": member.config.seed, **read_json(kept), "checkpoint": "last"}]
-
-
-def _sections_of(page: Path) -> dict[str, Markdown]:
-    """Return the sections with results of an earlier page by title."""
-    parts = read_bytes(page).decode().split("\n## ")[1:] if page.exists() else []
-    found = (part.partition("\n\n") for part in parts)
-    return {name: Markdown(text.strip()) for name, _, text in found if MISSING not in text}
 
 
 def _section(name: str, members: Sequence[Member], rows: Sequence[Row]) -> Section:
@@ -129,15 +125,13 @@ def _times(rows: Sequence[Row]) -> list[str]:
 
 
 def _overview() -> Table:
-    lines = []
+    rows = []
     for name, path in RECIPES.items():
         recipe = read_mapping(path)
         observed = ", ".join(recipe["environment"].get("observations", ["of the id"]))
         texts = name, recipe["algorithm"], f"{recipe['total_steps']:,}", str(recipe["num_envs"]), observed
-        lines.append([Cell(text) for text in texts])
-    return Table(
-        ("recipe", "algorithm", "steps", "sub-environments", "observations"), lines, words=(1, 4), is_open=True
-    )
+        rows.append([Cell(text) for text in texts])
+    return Table(("recipe", "algorithm", "steps", "sub-environments", "observations"), rows, words=(1, 4), is_open=True)
 
 
 if __name__ == "__main__":

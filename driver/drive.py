@@ -1,6 +1,7 @@
 """Drive a robot of ROS 1 or ROS 2 through rosbridge: `lidarnaut-drive --url ws://robot:9090 --robot my_robot.yaml`."""
 
 import contextlib
+import functools
 import logging
 import math
 import threading
@@ -205,13 +206,13 @@ class Session:
                 self._tree.add(one, static=True)
 
     def _on_odometry(self, message: Any) -> None:
-        if self._is_in(message.header, self.options.odom_frame):
+        if self._is_expected(message.header.frame_id, self.options.odom_frame):
             self._note_odometry(message.header.stamp, message.pose.pose.position, message.pose.pose.orientation)
 
     def _on_tf(self, message: Any) -> None:
         for one in message.transforms:
-            parent, child = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
-            if parent == self.options.odom_frame and self._is_expected(child, self.options.base_frame):
+            is_odometry = frame_name(one.header.frame_id) == self.options.odom_frame
+            if is_odometry and self._is_expected(one.child_frame_id, self.options.base_frame):
                 self._note_odometry(one.header.stamp, one.transform.translation, one.transform.rotation)
 
     def _note_odometry(self, stamp: Any, position: Any, rotation: Any) -> None:
@@ -230,7 +231,7 @@ class Session:
         stamp, frame = seconds(message.header.stamp), frame_name(message.header.frame_id)
         self._clock.note(stamp)
         self._laser_frame = self._laser_frame or frame
-        if not self._is_in(message.header, self._laser_frame):
+        if not self._is_expected(message.header.frame_id, self._laser_frame):
             return
         missing = math.nan if self.options.no_return == "nan" else math.inf
         with np.errstate(over="ignore"):  # out of range
@@ -274,7 +275,7 @@ class Session:
     def _on_goal(self, message: Any) -> None:
         position, rotation = message.pose.position, message.pose.orientation
         with self._lock:
-            if self.driver is not None and self._is_in(message.header, self.options.map_frame):
+            if self.driver is not None and self._is_expected(message.header.frame_id, self.options.map_frame):
                 if not self.driver.takes_headings:  # RViz always sends one
                     LOGGER.warning("learned policies do not turn to headings: that of the goal is ignored")
                     rotation = None
@@ -283,14 +284,11 @@ class Session:
     def _on_initial_pose(self, message: Any) -> None:
         pose = message.pose.pose
         with self._lock:
-            if self.driver is not None and self._is_in(message.header, self.options.map_frame):
+            if self.driver is not None and self._is_expected(message.header.frame_id, self.options.map_frame):
                 self.driver.initial_pose(pose.position.x, pose.position.y, yaw_of(pose.orientation))
 
-    def _is_in(self, header: Any, frame: str) -> bool:
-        return self._is_expected(frame_name(header.frame_id), frame)
-
     def _is_expected(self, given: str, frame: str) -> bool:
-        if given == frame:
+        if (given := frame_name(given)) == frame:
             return True
         if given not in self._ignored:
             self._ignored.add(given)
@@ -392,10 +390,8 @@ def main(options: Options) -> None:
         session.run(threading.Event())
 
 
-def cli() -> None:
-    """Run `main` with options of the command line."""
-    run_program(main, Options)
-
+cli = functools.partial(run_program, main, Options)
+"""Run `main` with options of the command line."""
 
 if __name__ == "__main__":
     cli()

@@ -1,6 +1,7 @@
 """A simulated robot as ROS topics through rosbridge: `lidarnaut-serve --world turtlebot3_house --people 6`."""
 
 import contextlib
+import functools
 import logging
 import math
 import threading
@@ -133,10 +134,8 @@ def main(options: Options) -> None:
         server.run(threading.Event())
 
 
-def cli() -> None:
-    """Run `main` with options of the command line."""
-    run_program(main, Options)
-
+cli = functools.partial(run_program, main, Options)
+"""Run `main` with options of the command line."""
 
 if __name__ == "__main__":
     cli()

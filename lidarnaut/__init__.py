@@ -7,42 +7,25 @@ below are imported on first use, and form the public API. Other modules may chan
 import importlib.metadata
 from typing import TYPE_CHECKING, Any
 
-from lidarnaut.envs import register
+from lidarnaut.envs import register as register
 
 if TYPE_CHECKING:
-    from lidarnaut.agents.export import export_policy
-    from lidarnaut.agents.policies import make_policy
-    from lidarnaut.agents.start import train
-    from lidarnaut.baselines import policies_for
-    from lidarnaut.baselines.episode import Episode, run_episode
-    from lidarnaut.benchmarks.arena.evaluate import evaluate
-    from lidarnaut.driver import Driver
-    from lidarnaut.envs.core import LidarEnv
-    from lidarnaut.envs.robots import RobotParams, robots
-    from lidarnaut.envs.simulation.crowd import Crowd
-    from lidarnaut.envs.task import Task
-    from lidarnaut.envs.worlds import load_world, save_map, worlds
-
-__all__ = [
-    "Crowd",
-    "Driver",
-    "Episode",
-    "LidarEnv",
-    "RobotParams",
-    "Task",
-    "__version__",
-    "evaluate",
-    "export_policy",
-    "load_world",
-    "make_policy",
-    "policies_for",
-    "register",
-    "robots",
-    "run_episode",
-    "save_map",
-    "train",
-    "worlds",
-]
+    from lidarnaut.agents.export import export_policy as export_policy
+    from lidarnaut.agents.policies import make_policy as make_policy
+    from lidarnaut.agents.start import train as train
+    from lidarnaut.baselines import policies_for as policies_for
+    from lidarnaut.baselines.episode import Episode as Episode
+    from lidarnaut.baselines.episode import run_episode as run_episode
+    from lidarnaut.benchmarks.arena.evaluate import evaluate as evaluate
+    from lidarnaut.driver import Driver as Driver
+    from lidarnaut.envs.core import LidarEnv as LidarEnv
+    from lidarnaut.envs.robots import RobotParams as RobotParams
+    from lidarnaut.envs.robots import robots as robots
+    from lidarnaut.envs.simulation.crowd import Crowd as Crowd
+    from lidarnaut.envs.task import Task as Task
+    from lidarnaut.envs.worlds import load_world as load_world
+    from lidarnaut.envs.worlds import save_map as save_map
+    from lidarnaut.envs.worlds import worlds as worlds
 
 _MODULES = {
     "Crowd": "envs.simulation.crowd",
@@ -62,6 +45,8 @@ _MODULES = {
     "train": "agents.start",
     "worlds": "envs.worlds",
 }
+
+__all__ = sorted([*_MODULES, "register", "__version__"])
 
 _EARLIER = {"load_policy": "agents.learned", "make_explorer": "agents.policies"}
 """Modules of names of earlier versions, which `make_policy` replaces."""

@@ -97,10 +97,8 @@ def _score_features(candidates, sectors, gaps, robot, count):
         out.log_visible_around = math.log(around + 0.3)
         out.log_number_around = math.log(1.0 + near)
         out.free_range = free.mean()
-        out.free_range_outward = (free[0] + free[1] + free[2] + free[NUM_SECTORS - 1] + free[NUM_SECTORS - 2]) / 5.0
-        out.unknown_outward = (
-            unknown[0] + unknown[1] + unknown[2] + unknown[NUM_SECTORS - 1] + unknown[NUM_SECTORS - 2]
-        ) / 5.0
+        out.free_range_outward = (free[0] + free[1] + free[2] + free[-1] + free[-2]) / 5.0
+        out.unknown_outward = (unknown[0] + unknown[1] + unknown[2] + unknown[-1] + unknown[-2]) / 5.0
         out.unknown_sectors = wide / NUM_SECTORS
         out.number_x_log_cost = number * minus_log_cost
         out.number_x_log_visible = number * log_visible

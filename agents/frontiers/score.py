@@ -13,10 +13,10 @@ from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines.frontier.pursuit_explorer import PERIOD, PursuitDriving
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.frontier.rules import nearest
+from lidarnaut.baselines.policy import ObservationPolicy
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.files import printable, read_bytes, read_json, write_folder
 from lidarnaut.envs.navigation import FEATURES, NUM_SECTORS, FrontierNavigator, robot_features
-from lidarnaut.envs.robots import RobotParams
 
 from .features import NAMES, NUM_FEATURES, PRIOR, score_features
 from .tasks import SPLIT
@@ -28,11 +28,10 @@ MAX_CANDIDATES = 48
 PRETRAINED = Path(__file__).parents[1] / "pretrained"
 
 
-class FrontierScore:
+class FrontierScore(ObservationPolicy):
     """Policy that selects the frontier candidate with the largest weighted sum of features."""
 
     level = "decision"
-    end_reason = plan = None
 
     def __init__(self, weights: np.ndarray = PRIOR) -> None:
         """Set the feature weights, shape (NUM_FEATURES,), float64; raise ValueError if invalid."""
@@ -41,9 +40,6 @@ class FrontierScore:
             raise ValueError(f"weights must be {NUM_FEATURES} finite numbers, got shape {weights.shape}")
         self.weights = weights
 
-    def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Do nothing, because the policy has no state."""
-
     def __call__(self, observation: dict[str, np.ndarray]) -> np.int64:
         scores = self.rate(observation)[1]
         return np.int64(scores.argmax() if len(scores) else 0)
@@ -51,9 +47,8 @@ class FrontierScore:
     def rate(self, observation: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return features, shape (k, NUM_FEATURES), and scores, shape (k,), float64, of all k frontier candidates."""
         count = int(observation["action_mask"].sum())
-        features = score_features(
-            observation["candidates"], observation["sectors"], observation["gaps"], observation["robot"], count
-        )
+        candidates, sectors, gaps, robot = (observation[name] for name in ("candidates", "sectors", "gaps", "robot"))
+        features = score_features(candidates, sectors, gaps, robot, count)
         return features, features @ self.weights - FAILURE_PENALTY * (features[:, NAMES.index("failures")] > 0)
 
     def save(self, folder: Path, record: Mapping[str, Any]) -> None:

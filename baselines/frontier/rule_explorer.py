@@ -1,5 +1,5 @@
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -70,14 +70,10 @@ class RuleExplorer(Explorer):
         return len(navigator.failures)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        self.navigator = FrontierNavigator(
-            robot,
-            control_period,
-            max_candidates=self.max_candidates,
-            max_time=self.max_time,
-            planning=self.planning,
-            params=self.params,
-        )
+        super().reset(robot, control_period, rng)
+        limits: Any = {"max_candidates": self.max_candidates, "max_time": self.max_time}
+        parts: Any = {"planning": self.planning, "params": self.params}
+        self.navigator = FrontierNavigator(robot, control_period, **limits, **parts)
         if hasattr(self.rule, "reset"):
             self.rule.reset(robot, rng)
         self._has_begun = False

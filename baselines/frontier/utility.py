@@ -68,14 +68,9 @@ class FrontierParams:
 
     def relaxed(self) -> list["FrontierParams"]:
         """Return parameters to try in turn until a frontier passes; each set relaxes one more filter than the last."""
-        steps: tuple[dict[str, Any], ...] = (
-            {"min_frontier_size": self.min_frontier_size_final},
-            {"obstacle_clearance": 0.0},
-            {"min_goal_distance": 0.0},
-            {"goal_tolerance": 1.0},
-            {"blacklist_radius": 0.0},
-        )
-        return list(accumulate(steps, lambda params, step: replace(params, **step), initial=self))
+        steps: Any = {"min_frontier_size": self.min_frontier_size_final, "obstacle_clearance": 0.0}
+        steps |= {"min_goal_distance": 0.0, "goal_tolerance": 1.0, "blacklist_radius": 0.0}
+        return list(accumulate(steps.items(), lambda params, step: replace(params, **dict([step])), initial=self))
 
 
 class FrontierUtility:

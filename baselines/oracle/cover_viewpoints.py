@@ -30,13 +30,11 @@ def _spread_out(blocks: np.ndarray, steps: int) -> np.ndarray:
     return blocks[chosen]
 
 
-def _find_predecessors(
-    from_origins: np.ndarray, lengths: np.ndarray, near: np.ndarray, origins: np.ndarray
-) -> np.ndarray:
+def _find_predecessors(travel: np.ndarray, lengths: np.ndarray, near: np.ndarray, origins: np.ndarray) -> np.ndarray:
     viewpoints = np.arange(len(near))
     onward = lengths[near, viewpoints[:, None]]
-    predecessors = np.empty(from_origins.shape, dtype=np.int32)
-    for row, (travelled, origin) in enumerate(zip(from_origins, origins)):
+    predecessors = np.empty(travel.shape, dtype=np.int32)
+    for row, (travelled, origin) in enumerate(zip(travel, origins)):
         through = travelled[near] + onward
         through[(travelled[near] >= travelled[:, None]) | (near == origin)] = np.inf
         best = through.argmin(axis=1)
@@ -91,11 +89,9 @@ def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | 
     return nearest
 
 
-def _path_lengths(
-    block_costs: np.ndarray, origins: Iterable[np.ndarray], blocks: np.ndarray, side: float
-) -> np.ndarray:
+def _path_lengths(block_costs: np.ndarray, starts: Iterable[np.ndarray], blocks: np.ndarray, side: float) -> np.ndarray:
     weights = step_weights(COST_WEIGHT, False)
-    travel = (search(block_costs, weights, row, col, -1, -1)[0][1:-1, 1:-1] for row, col in origins)
+    travel = (search(block_costs, weights, row, col, -1, -1)[0][1:-1, 1:-1] for row, col in starts)
     costs_to_come = np.array([costs[tuple(blocks.T)] for costs in travel])
     assert (costs_to_come != UNREACHED).all()
     return costs_to_come * (side / (STRAIGHT * SCALE))

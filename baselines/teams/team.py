@@ -52,9 +52,7 @@ class TeamExplorer(Explorer):
     def targets(self) -> list[tuple[float, float] | None]:
         return [] if self._navigator is None else self._navigator.targets
 
-    def act(  # type: ignore[override]
-        self, readings: Sequence[Reading], beliefs: Sequence[Belief]
-    ) -> list[Twist]:
+    def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:  # type: ignore[override]
         if not self._is_reset:
             raise RuntimeError("call reset before act")
         if self._navigator is None:

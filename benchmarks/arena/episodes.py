@@ -162,9 +162,7 @@ class Episodes:
         names = dict.fromkeys(row["policy"] for row in self if measure.name in row)
         found = {name: self.estimate(name, measure) for name in names}
         sign = -1.0 if measure.higher_is_better else 1.0
-        return dict(
-            sorted(found.items(), key=lambda item: (is_bound(item[0]), sign * item[1].iqm, item[1].is_bound[0]))
-        )
+        return dict(sorted(found.items(), key=lambda one: (is_bound(one[0]), sign * one[1].iqm, one[1].is_bound[0])))
 
     def competitors(self, measure: Measure) -> dict[str, Estimate]:
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
@@ -202,11 +200,7 @@ def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
 
     Policies with access to ground truth are ignored.
     """
-    shown = {
-        policy: (float(measure.text(value.iqm)), value.is_bound[0])
-        for policy, value in estimates.items()
-        if not is_bound(policy)
-    }
+    shown = {k: (float(measure.text(one.iqm)), one.is_bound[0]) for k, one in estimates.items() if not is_bound(k)}
     if measure.higher_is_better is None or not shown:
         return set()
     best = max(shown.values()) if measure.higher_is_better else min(shown.values())

@@ -30,9 +30,8 @@ class Measures:
         self.mark = self.marks[0].label.removeprefix("time to ") if self.marks else ""
         self.relative = tuple(map(share_of, self.marks))
         """Times or distances until the threshold, divided by those of the reference policy."""
-        self.reached = (
-            Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True),
-        ) * bool(self.marks)
+        reached = Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True)
+        self.reached = (reached,) * bool(self.marks)
         """Measure of success: 1 if an episode reached the task's progress threshold (such as 95 % explored), else 0."""
         self.decisive = (*self.relative, self.headline)[0]
         """Measure that decides which policy the summary names as best."""

@@ -91,10 +91,8 @@ def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Pr
                 continue
             units |= {mark.limit: value_of(same_start, mark) for mark in marks}
         curve = load_curve(folder, row)
-        scaled = ProgressCurve(
-            curve.time / units["time_limit"], curve.path_length / units["distance_limit"], curve.progress
-        )
-        curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(scaled)
+        over = curve.time / units["time_limit"], curve.path_length / units["distance_limit"]
+        curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(ProgressCurve(*over, curve.progress))
     return {policy: list(strata.values()) for policy, strata in curves.items()}
 
 
@@ -182,7 +180,7 @@ def case_sections(
     traces = {one: [Trace.load(trace_path(folder, row)) for row in episodes.of(one)] for one in episodes.policies}
     curves = {policy: [[trace.curve for trace in some]] for policy, some in traces.items()}
     firsts, growth, maps = {policy: some[0] for policy, some in traces.items()}, [], []
-    if any(trace.has_grown for trace in firsts.values()):
+    if any(len(np.unique(one.known_since[np.isfinite(one.known_since)])) > 1 for one in firsts.values()):
         caption = f"All from the same start. {COLORS}"
         figure = Figure(f"growth_{place}", render(draw_growth, firsts), caption, is_wide=True)
         growth = [Section(f"Growth of the maps (seed {seed})", (figure,), 3)]

@@ -72,15 +72,6 @@ def render(draw: Callable[..., Figure], *arguments: Any) -> bytes:
     return small.getvalue()
 
 
-def line_styles(policies: Sequence[str]) -> dict[str, dict[str, Any]]:
-    looks = ({"color": color, "linestyle": dash} for dash, color in cycle(product(DASHES, LINES)))
-    others = {"random": {"color": MUTED}}
-    return {
-        policy: {"color": INK, "linestyle": (0, (1.0, 1.2))} if is_bound(policy) else others.get(policy) or next(looks)
-        for policy in policies
-    }
-
-
 def sample_curves(
     curves: Mapping[str, Sequence[Sequence[ProgressCurve]]], over: str, end: float | None = None
 ) -> tuple[np.ndarray, Bands]:
@@ -101,12 +92,14 @@ def sample_curves(
 def draw_bands(grid: np.ndarray, bands: Bands, xlabel: str, ylabel: str, has_roots: bool = False) -> Figure:
     """Plot a curve in percent with its 95 % interval for each policy; `has_roots` selects a square-root x axis."""
     figure, end = Figure(figsize=(6.6, 3.6)), float(grid[-1])
-    axes, looks, lines = figure.subplots(), line_styles(list(bands)), list[Line2D]()
-    alpha = 0.18 if len(bands) <= 4 else 0.09
+    axes, lines, alpha = figure.subplots(), list[Line2D](), 0.18 if len(bands) <= 4 else 0.09
+    looks = ({"color": color, "linestyle": dash} for dash, color in cycle(product(DASHES, LINES)))
+    others: dict[str, Any] = {"random": {"color": MUTED}}
     for policy, band in bands.items():
-        middle, low, high = (100.0 * line for line in band)
-        axes.fill_between(grid, low, high, color=looks[policy]["color"], alpha=alpha, linewidth=0)
-        lines += axes.plot(grid, middle, linewidth=1.8, label=short(policy), **looks[policy])
+        bound = {"color": INK, "linestyle": (0, (1.0, 1.2))} if is_bound(policy) else None
+        look, (middle, low, high) = bound or others.get(policy) or next(looks), (100.0 * line for line in band)
+        axes.fill_between(grid, low, high, color=look["color"], alpha=alpha, linewidth=0)
+        lines += axes.plot(grid, middle, linewidth=1.8, label=short(policy), **look)
     axes.set(xlim=(float(grid[0]), end), ylim=(0.0, 102.0), xlabel=xlabel, ylabel=f"{ylabel} [%]")
     if has_roots:
         axes.set_xscale("function", functions=(np.sqrt, np.square))
@@ -168,7 +161,9 @@ def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
 
     Free cells are coloured by the time of first observation, and overlaid with true walls.
     """
-    extent = extent_of(list(traces.values()))
+    shapes = [part for one in traces.values() for part in (one.segments.reshape(-1, 2), one.circles[:, :2])]
+    low, high = (np.concatenate(shapes).min(axis=0) - 0.3).tolist(), (np.concatenate(shapes).max(axis=0) + 0.3).tolist()
+    extent = low[0], high[0], low[1], high[1]
     ends = [float(trace.curve.time[-1]) for trace in traces.values()]
     moments = np.geomspace(max(ends), max(min(min(ends) / 2, max(ends) / 8), 0.1), num_moments)[::-1]
     aspect, width = (extent[3] - extent[2]) / (extent[1] - extent[0]), 5.0 if num_moments == 1 else 2.4
@@ -179,20 +174,12 @@ def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
         last = int(np.argmax(moments >= end))
         for axes, moment in zip(row[: last + 1], (*moments[:last], end)):
             draw_map(axes, trace, moment, max(ends), extent)
-            fraction = float(np.interp(moment, trace.curve.time, trace.curve.progress))
-            axes.set_title(
-                f"{'end, ' if moment == end else ''}{moment:.0f} s: {100 * fraction:.0f} %", fontsize=9, pad=3
-            )
+            share = float(np.interp(moment, trace.curve.time, trace.curve.progress))
+            axes.set_title(f"{'end, ' if moment == end else ''}{moment:.0f} s: {100 * share:.0f} %", fontsize=9, pad=3)
         for axes in row[last + 1 :]:
             show_only(axes, extent, PAPER)
         row[0].set_ylabel(short(policy), fontsize=10)
     return figure
-
-
-def extent_of(traces: Sequence[Trace]) -> Extent:
-    points = np.concatenate([part for one in traces for part in (one.segments.reshape(-1, 2), one.circles[:, :2])])
-    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
-    return float(x_min), float(x_max), float(y_min), float(y_max)
 
 
 def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent) -> None:

@@ -74,7 +74,7 @@ class Evaluation:
         self._robots: dict[Case, str] = {}
         classic = self._check_cases()
         self._policies = {}
-        for name in settings.all_policies:
+        for name in dict.fromkeys((*settings.policies, *settings.slam_axis.policies)):
             with _blaming(name):
                 self._policies[name] = self._marked(parse_policy(name, classic, self._custom, trust))
         names = [policy.name for policy in self._policies.values()]

@@ -167,10 +167,6 @@ class Settings(Section):
                 raise ValueError(f"worlds {labels[label]!r} and {world!r} must not both be called {label!r}")
         return axis
 
-    @property
-    def all_policies(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys((*self.policies, *self.slam_axis.policies)))
-
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield the starts of the main evaluation (without `slam_axis`): conditions, seed and policy names."""
         for case in self._cases(self.worlds, self.robots, self.physics, self.slam, self.people):

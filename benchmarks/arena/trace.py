@@ -51,11 +51,6 @@ class Trace:
     circles: np.ndarray
     """True cylinders (x, y, radius) in the world frame, shape (m, 3), float32 [m]."""
 
-    @property
-    def has_grown(self) -> bool:
-        known = self.known_since[np.isfinite(self.known_since)]
-        return bool(known.size and known.max() > known.min())
-
     def to_bytes(self) -> bytes:
         archive = io.BytesIO()
         curve = np.stack(self.curve).astype(np.float32)

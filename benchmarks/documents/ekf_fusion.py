@@ -232,9 +232,7 @@ def make_env(physics: str, map_seed: int, noise: float, disturbance: str, change
     return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", physics=physics, map_seed=map_seed, **arguments))
 
 
-def _run_case(
-    physics: str, seed: int, noise: float, disturbance: str, changes: Mapping[str, Any], has_faults: bool
-) -> RouteDrive:
+def _run_case(physics: str, seed: int, noise: float, disturbance: str, changes: Any, has_faults: bool) -> RouteDrive:
     env = make_env(physics, seed, noise, disturbance, changes)
     return run_drive(env, seed, FAULTS if has_faults else FILTERS)
 

@@ -8,7 +8,6 @@ from rich.table import Table
 
 MOST = "IoU", "goals reached", "explored share"
 """Words in the names of quantities whose highest values are the best."""
-WORST: dict[str, Any] = {"least": np.max, "most": np.min}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +30,7 @@ class Figure:
 
     @property
     def worst(self) -> float:
-        return float(WORST[self.best](self._failures_last()))
+        return float((np.max if self.best == "least" else np.min)(self._failures_last()))
 
     def _failures_last(self) -> np.ndarray:
         runs = np.array(self.runs, dtype=np.float64)
@@ -52,14 +51,9 @@ class Figure:
         if len(self.runs) > 1:
             values = {f"{self.item}, median of {len(self.runs)}": self.median}
             values[f"{self.item}, worst of {len(self.runs)}"] = self.worst
+        known = {"unit": self.unit, "document": self.document}
         return [
-            {
-                "item": item,
-                "unit": self.unit,
-                "document": self.document,
-                "here": value if math.isfinite(value) else None,
-                "better": self.is_better(value),
-            }
+            {"item": item, **known, "here": value if math.isfinite(value) else None, "better": self.is_better(value)}
             for item, value in values.items()
         ]
 

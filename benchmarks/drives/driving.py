@@ -68,9 +68,7 @@ class Loop:
             if now >= self._next_scan - 1e-9:
                 self._next_scan += 1.0 / self.link.scan_hz
                 self._send("scan", robot.reading.ranges, self.link.scan_delay)
-            arrived = sorted(
-                (each for each in self._pending if each[0] <= now + 1e-9), key=lambda each: (each[0], each[3])
-            )
+            arrived = sorted((one for one in self._pending if one[0] <= now + 1e-9), key=lambda one: (one[0], one[3]))
             self._pending = [each for each in self._pending if each[0] > now + 1e-9]
             began = time.process_time()
             for _, kind, content, stamp in arrived:
@@ -112,12 +110,8 @@ def _explore(name: str, link: str, seed: int) -> dict[str, float]:
         return coverage.explored_fraction >= TARGET
 
     reached = loop.run(MAX_TIME, watch)
-    return {
-        "time": robot.time if reached else math.inf,
-        "contacts": loop.contacts,
-        "error": loop.error,
-        "load": loop.processor_time / robot.time,
-    }
+    costs = {"contacts": loop.contacts, "error": loop.error, "load": loop.processor_time / robot.time}
+    return {"time": robot.time if reached else math.inf, **costs}
 
 
 def _explore_in_environment(name: str, seed: int) -> dict[str, float]:
@@ -171,15 +165,8 @@ def measure_loads(hours: float = 1.0) -> list[Row]:
             spent.append(robot.time - began)
             used += loop.processor_time
             memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
-        rows.append(
-            {
-                "policy": name,
-                "simulated h": sum(spent) / 3600.0,
-                "load of a core %": 100.0 * used / sum(spent),
-                "memory after 10 min MB": memory[0],
-                "at the end MB": memory[-1],
-            }
-        )
+        row = {"policy": name, "simulated h": sum(spent) / 3600.0, "load of a core %": 100.0 * used / sum(spent)}
+        rows.append({**row, "memory after 10 min MB": memory[0], "at the end MB": memory[-1]})
     return rows
 
 

@@ -237,9 +237,8 @@ def compare_on_log(log: Path = LOG) -> list[Row]:
     rows = []
     for name, params in FILTERS.items():
         seeds = LOG_SEEDS[:1] if params.sensor == "beam" else LOG_SEEDS
-        rows.append(
-            {"filter": name, **medians([measure_filter(drive, read.lidar, grid, params, seed) for seed in seeds])}
-        )
+        found = [measure_filter(drive, read.lidar, grid, params, seed) for seed in seeds]
+        rows.append({"filter": name, **medians(found)})
     return rows
 
 

@@ -33,7 +33,7 @@ def observation_space(num_beams=BEAMS):
 
 class FakeEnv(LidarEnv):
     metadata = {"render_modes": []}
-    belief, time = None, 0.0
+    belief, time, has_begun = None, 0.0, False
 
     def __init__(self, *, split="train", world="rooms", control_hz=5.0, time_limit=None, render_mode=None, **_ignored):
         self.observation_space = observation_space()

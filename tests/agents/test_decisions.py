@@ -106,7 +106,7 @@ def test_an_evaluation_gives_what_single_episodes_give():
 
 def test_a_reference_that_drives_is_refused():
     evaluator = Evaluator(changed(evaluation={"episodes": 1}))
-    with pytest.raises(ValueError, match=r"unknown policy 'rrt'; allowed are random, nearest, frontier"):
+    with pytest.raises(ValueError, match=r"policy 'rrt' cannot do this task; allowed are random, nearest, frontier"):
         evaluator.make_reference("rrt")
     evaluator.close()
 
