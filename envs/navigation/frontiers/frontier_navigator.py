@@ -311,8 +311,7 @@ class FrontierNavigator:
         self._has_start = False
         for level in range(planning.max_level + 1):
             layer = planning.layer(level, pose, self._obstacles, self.bodies)
-            cells, starts = frontier_groups(planning.frontier, planning.tile_counts)
-            parts = split_groups(cells, starts, layer.tables.max_extent, min(self._lengths))
+            cells, parts = self._frontiers(layer)
             start = self._start_cell(layer, pose)
             table = np.empty(0, dtype=CANDIDATE)
             if start[0] >= 0:
@@ -335,6 +334,10 @@ class FrontierNavigator:
         self._memory.known, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
         costmap = Costmap(layer.costs, planning.grid, layer.params)
         self.candidates = Candidates(table, int(chosen), self._last_failed, cells, costmap)
+
+    def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
+        cells, starts = frontier_groups(self.map.frontier, self.map.tile_counts)
+        return cells, split_groups(cells, starts, layer.tables.max_extent, min(self._lengths))
 
     def _replan(self, pose: Pose2D) -> bool:
         planning = self.map
