@@ -64,7 +64,8 @@ mostly through known cells. Poses outside of the mapped area also have few point
 MAX_ACCEPTED_CROSSING = 0.08
 """Maximum fraction of beams through occupied cells at a relocalized pose, and at a matched pose after a jump."""
 MAX_JUMP = 0.4
-"""Distance of a matched pose from the odometry pose that is a jump, as after a kidnapping to a similar place [m]."""
+"""Distance of a matched pose from the odometry pose that is a jump, as after a kidnapping to a similar place [m].
+After a drive of twice this distance without a scan, odometry may be as far off."""
 
 
 class LocalizationMonitor:
@@ -84,6 +85,7 @@ class LocalizationMonitor:
 
     def reset(self) -> None:
         self._mismatches = self._num_crossing = self._num_consistent = 0
+        self._last: tuple[float, float] | None = None
         self.is_found = False
         """Whether a lost robot was localized again at the last scan."""
         self._relocalizer.reset()
@@ -111,6 +113,8 @@ class LocalizationMonitor:
         `fits`: whether the scan fits the map, None if too few cells are known.
         """
         self.is_found = False
+        (x, y), self._last = self._last or pose[:2], pose[:2]
+        driven = distance(predicted.x - x, predicted.y - y)
         if self.meets_people:
             self._num_consistent = self._num_consistent + 1 if fits and self.is_lost else 0
         elif self._has_odometry:
@@ -120,7 +124,8 @@ class LocalizationMonitor:
                 is_consistent = fits and judged >= LEAST_JUDGED and crossing <= MAX_ACCEPTED_CROSSING * judged
                 self._num_consistent = self._num_consistent + 1 if is_consistent else 0
             else:
-                if distance(pose[0] - predicted.x, pose[1] - predicted.y) > MAX_JUMP:
+                jump = distance(pose[0] - predicted.x, pose[1] - predicted.y)
+                if jump > MAX_JUMP and driven < 2.0 * MAX_JUMP:
                     fits = fits and crossing <= MAX_ACCEPTED_CROSSING * judged
                 is_crossing = judged >= LEAST_JUDGED and crossing > MAX_CROSSING * judged
                 self._num_crossing = self._num_crossing + 1 if is_crossing else 0
