@@ -18,7 +18,7 @@ from .policy import Explorer, Level, ObservationPolicy, OnePerRobot, Policy, wra
 DECLARED = ("level", "observations", "collision_monitor", "control_hz", "uses_ground_truth")
 """Attributes that the function which returns a policy may declare for the policy."""
 OBSERVATION = ("observation", "observations", "obs")
-"""Names of an optional first argument which tell a policy from a function that makes one."""
+"""Names of an optional first argument that distinguish a policy from a function that returns one."""
 
 
 def adopt(value: Any, space: spaces.Space | None = None) -> Policy:

@@ -35,7 +35,9 @@ class Measurements(Simulator):
 
     sample: Sample
 
-    def reset(self, world: World, poses: Sequence[Pose2D], rngs: Any, crowd_rng: Any = None) -> list[Reading]:
+    def reset(
+        self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator], crowd_rng: Any = None
+    ) -> list[Reading]:
         self._world, self.rngs = world, rngs
         self.rows.reset()
         self._take(0)

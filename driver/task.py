@@ -1,7 +1,7 @@
 """Tasks of environments, without ground truth, for a real robot."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,9 @@ class OnRobot:
         self.starts, self.map_pose = [ORIGIN], ORIGIN
         return self.starts
 
-    def reset(self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Any) -> float:
+    def reset(
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> float:
         (self._one,) = robots
         return math.inf
 
@@ -83,7 +85,9 @@ class WithGoal(OnRobot):
     _tolerance: Any
     _goals: np.ndarray | None = None
 
-    def reset(self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Any) -> float:
+    def reset(
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> float:
         self._goals, self._aim = simulator.rows.remember(GOAL_MEMORY, 2), ORIGIN
         if not self.has_goal:
             self.goal = ORIGIN
