@@ -13,10 +13,11 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from lidarnaut.envs.core import NO_TRACKS, LidarEnv, lidar_env_of
+from lidarnaut.envs.core import LidarEnv, lidar_env_of
 from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.measures import EpisodeHistory, HistoryRecorder, measures_of
 from lidarnaut.envs.navigation import HomeNavigator
+from lidarnaut.envs.navigation.controllers.local_planner import NO_TRACKS
 from lidarnaut.envs.rendering.scene import people_in
 
 from .adoption import adopt
@@ -154,7 +155,7 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
     inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
     decide_once, task = _decide_once(policy, env), inner.task
     if not _chooses(env):
-        inner.markers = lambda: policy.markers
+        inner.overlay.markers = lambda: policy.markers
     is_called_back = task.return_home and not _chooses(env)
     home = HomeNavigator(inner.robot, inner.control_period, inner.np_random) if is_called_back else None
     action: Any = None
@@ -163,7 +164,7 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
         nonlocal action, calls
         if home is not None and task.is_returning:
             twist = home.act(inner.reading, inner.belief)
-            inner.plan = home.plan
+            inner.overlay.plan = home.plan
             return home.home_reason or to_action(twist, inner.robot)
         if calls % repeats == 0:
             action = decide_once(observation)
@@ -202,12 +203,12 @@ def _decide_once(policy: Policy, env: gymnasium.Env[Any, Any]) -> Callable[[Obse
             readings: Any = [robot.reading for robot in inner.robots]
             beliefs: Any = [robot.belief for robot in inner.robots]
             twists: Any = policy.act(readings, beliefs)
-            inner.plans[:] = policy.plans
+            inner.overlay.plans[:] = policy.plans
             return np.stack([to_action(twist, inner.robot) for twist in twists])
         action = to_action(policy.act(inner.reading, inner.belief), inner.robot)
-        inner.plan = policy.plan
+        inner.overlay.plan = policy.plan
         tracks = inner.belief.people if policy.tracks is None else policy.tracks
-        inner.tracks = people_in(tracks, inner.belief.pose) if len(tracks) else NO_TRACKS
+        inner.overlay.tracks = people_in(tracks, inner.belief.pose) if len(tracks) else NO_TRACKS
         return action
 
     return act
@@ -215,7 +216,7 @@ def _decide_once(policy: Policy, env: gymnasium.Env[Any, Any]) -> Callable[[Obse
 
 def _observe(policy: ObservationPolicy, inner: LidarEnv, observation: Observation) -> Any:
     action = policy(observation)
-    inner.plans[:] = policy.plans
+    inner.overlay.plans[:] = policy.plans
     return action
 
 

@@ -54,7 +54,7 @@ class Film:
 
     def finish(self) -> None:
         self.frames.append(self._env.render())
-        plan = self._env.plan
+        plan = self._env.overlay.plan
         self._plans.append(0.0 if plan is None else float(lengths_along(plan)[-1]))
 
     @property

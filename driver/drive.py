@@ -337,7 +337,7 @@ class Session:
         if not 0.0 <= now - self._map_time < MAP_PERIOD:
             self._map_time = now
             publish("/map", messages.occupancy_grid(now, crop_to_known(driver.belief.grid, margin=0)))
-            if driver.env.markers is not None and (markers := driver.env.markers()) is not None:
+            if driver.env.overlay.markers is not None and (markers := driver.env.overlay.markers()) is not None:
                 publish("/frontiers", messages.points(now, markers.clusters))
 
     def _say(self, reason: str) -> None:

@@ -19,11 +19,12 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.logs.scans import MAX_SWEEP, Scan, advise_on_zeros, resampled
 from lidarnaut.envs.logs.trajectory import MAX_CLOCK_JUMP
+from lidarnaut.envs.period import COMMAND
 from lidarnaut.envs.robots import RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.navigate import KnownMapTask
 
-from .measurements import Measurements, Sample
+from .messages_mover import MessagesMover, Sample
 from .task import task_of
 from .wheels import WheelMotion
 
@@ -31,8 +32,6 @@ LOGGER = logging.getLogger(__name__)
 STOP = Twist(0.0, 0.0)
 TICK = 1e-6
 """Wheel travel per count of the virtual encoders that poses of odometry are converted to [m]."""
-SIMULATED = {"physics", "world", "start", "people", "reward", "randomize"}
-"""Arguments of environments that a driver does not have."""
 KEPT = 10.0
 """Messages are kept for at most this time until a scan is used [s]."""
 
@@ -95,7 +94,7 @@ class Driver:
             raise ValueError(f"motion must be 'odometry' or 'encoders', got {motion!r}")
         if isinstance(policy, PrivilegedPolicy):
             raise ValueError(f"{type(policy).__name__} uses ground truth, which a robot does not have")
-        if simulated := sorted(SIMULATED & arguments.keys()):
+        if simulated := sorted({"physics", *MessagesMover.ignores} & arguments.keys()):
             raise TypeError(f"a driver has no arguments {simulated}: they describe a simulation")
         if not (isinstance(seed, int) and seed >= 0):
             raise ValueError(f"seed must be a whole number from 0, got {seed!r}")
@@ -104,7 +103,7 @@ class Driver:
             counts = 2.0 * math.pi * robot.odometry.wheel_radius / TICK
             robot = replace(robot, odometry=replace(robot.odometry, ticks_per_rev=counts, uses_gyro=gyro))
         arguments = {"track_people": True, **needed_arguments(policy), **arguments}
-        self.env = LidarEnv(task_of(id), robot=robot, physics=Measurements, control_hz=control_hz, **arguments)
+        self.env = LidarEnv(task_of(id), robot=robot, physics=MessagesMover, control_hz=control_hz, **arguments)
         """Environment without a simulator, for recordings and pictures."""
         self.robot, self.timeout = robot, timeout
         self.reason = "no scan yet"
@@ -120,7 +119,7 @@ class Driver:
         self._newest: dict[str, float] = {}
         self._fault, self._touched, self._advice, self._jump_stamp = "", False, "", -math.inf
         self._stamp, self._scan_stamp, self._offset, self._time = -math.inf, -math.inf, 0.0, 0.0
-        self._commands = [STOP]
+        self._command = STOP
 
     def scan(self, ranges: np.ndarray, stamp: float, delays: np.ndarray | None = None) -> None:
         """Receive a scan: ranges, shape (num_beams,) [m]; +inf is no return, NaN an invalid beam, 0 see `no_return`.
@@ -215,7 +214,7 @@ class Driver:
     @property
     def plan(self) -> np.ndarray | None:
         """Planned path, shape (n, 2), map frame [m]; None without one."""
-        return self.env.plan
+        return self.env.overlay.plan
 
     @property
     def map_to_odometry(self) -> Pose2D:
@@ -236,12 +235,16 @@ class Driver:
             if isinstance(action, str):
                 self.reason = action
             else:
-                self._commands = self.env.twists(action)
+                self._send(self.env.commands(action))
         if self.reason:
-            self._commands = [STOP]
-            if self.has_begun:
-                self.env.robots[0].action = (0.0, 0.0)
-        return self._commands[0]
+            self._send(self.env.period.follow(np.zeros((1, 2))))
+        return self._command
+
+    def _send(self, commands: np.ndarray) -> None:
+        """Begin a control period; the next scan that is used ends it."""
+        period = self.env.period
+        period.command(commands)
+        self._command = Twist(*period.numbers[0, COMMAND].tolist())
 
     def _receive(self, kind: str, messages: deque[tuple[float, Any]], stamp: float, content: Any) -> None:
         last = self._newest.get(kind, -math.inf)
@@ -297,7 +300,7 @@ class Driver:
         if not (rates or is_first):
             (left, right), odometry = np.subtract(wheels.ticks, before), self.robot.odometry
             yaw_rate = float((right - left) * odometry.metres_per_tick / odometry.track / (stamp - self._stamp))
-        self.env.simulator.sample = Sample(self._time, ranges, wheels.ticks, yaw_rate, self._touched)  # type: ignore[attr-defined]
+        self.env.simulator.sample = Sample(self._time, ranges, wheels.ticks, yaw_rate, self._touched)
         self._stamp, self._touched, self._fault = stamp, False, ""
         self._rates = deque(each for each in self._rates if each[0] > stamp)
         if is_first:
@@ -305,7 +308,7 @@ class Driver:
             self._observation, _ = begin_episode(self.env, self._policy, self._seed, rng)
             self._decide = decide_with(self._policy, self.env)
         else:
-            self.env.advance(self._commands)
+            self.env.period.advance()
             self._observation = self.env.observe()
 
     def _moved(self, ranges: np.ndarray, poses: np.ndarray) -> np.ndarray:

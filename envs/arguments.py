@@ -80,3 +80,19 @@ def read_action(action: Any) -> np.ndarray:
         kind = "a masked array" if isinstance(action, np.ma.MaskedArray) else numbers.dtype
         raise ValueError(f"action must hold real numbers, got {kind}")
     return numbers
+
+
+def read_fractions(action: Any, shape: tuple[int, ...], *, clips: bool, make_env: Callable[..., Any]) -> np.ndarray:
+    """Return an action of fractions in [-1, 1] as an array of `shape`, float32, clipped with `clips`.
+
+    `make_env`: class of the environment, for advice. ValueError for another shape, NaN, or numbers outside.
+    """
+    fractions = read_action(action).astype(np.float32, copy=False)
+    if fractions.shape != shape:
+        raise ValueError(f"action must have shape {shape}, got {fractions.shape}")
+    if all(-1.0 <= value <= 1.0 for value in fractions.ravel().tolist()):
+        return fractions
+    if not clips or np.isnan(fractions).any():
+        hint = clip_hint(make_env, fractions)
+        raise ValueError(f"action must be finite and lie in [-1, 1], got {fractions}{hint}")
+    return np.clip(fractions, -1.0, 1.0)

@@ -1,6 +1,5 @@
 """Gymnasium environment of lidar robots, shared by all tasks."""
 
-import copy
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -12,48 +11,28 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from lidarnaut.envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
+from lidarnaut.envs.arguments import check_positive, choose_robot, is_number, read_fractions, read_options
+from lidarnaut.envs.episode_worlds import EpisodeWorlds
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.files import explain_unknown, resolve
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.measures import PEOPLE
-from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import Observations, Tracks, make_parts
-from lidarnaut.envs.overrides import overridden, shadowed
+from lidarnaut.envs.period import TIME_TOLERANCE, Period, shared_info, why_not_fused
 from lidarnaut.envs.randomization import Randomization, Ranges
+from lidarnaut.envs.rendering.overlay import Overlay
 from lidarnaut.envs.rendering.scene import Scene, scene_of
-from lidarnaut.envs.robot import MAX_PERSON_GAP, REMEMBER_TRUE, GroundTruth, Robot, reset_robots
+from lidarnaut.envs.robot import GroundTruth, Robot, reset_robots
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.sensor import Measured, make_sensors
-from lidarnaut.envs.simulation import KinematicSimulator, Reading, Simulator, Twist, make_simulator
+from lidarnaut.envs.sensor import Measured, make_sensors, measure_all
+from lidarnaut.envs.simulation import Mover, Reading, Twist, make_simulator
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
-from lidarnaut.envs.task import COLUMNS, SHARED_QUANTITIES, Task
-from lidarnaut.envs.transition import people_metrics, pose_errors, update_robots
-from lidarnaut.envs.worlds import World
-
-NO_TRACKS = np.empty((0, 5))
-"""Empty array of tracked people, shape (0, 5): x, y [m], vx, vy [m/s], radius [m]."""
-WORLD_SPAWN_KEY = 2**32 - 1
-"""Spawn key of the random generator for worlds. `Generator.spawn` never produces this key."""
-
-
-class WholeStep:
-    """Context manager that makes an environment require a reset if an exception interrupts a step."""
-
-    def __init__(self, env: "LidarEnv") -> None:
-        self._env = env
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is not None:
-            self._env.has_begun = False
+from lidarnaut.envs.task import Quantities, Task
+from lidarnaut.envs.transition import people_metrics
 
 
 class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
@@ -97,7 +76,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         task: Any,
         *,
         robot: str | RobotParams | None = None,
-        physics: str | type[Simulator] = "bullet",
+        physics: str | type[Mover] = "bullet",
         control_hz: float = 10.0,
         time_limit: float | None = None,
         observations: Observations | None = None,
@@ -126,63 +105,49 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if time_limit is not None and time_limit != math.inf and not (is_number(time_limit) and time_limit > 0):
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
         self.task: Any = make_task(task, settings)
-        self.robot = choose_robot(robot, getattr(self.task, "world", ""))
+        self.robot_params = choose_robot(robot, getattr(self.task, "world", ""))
         """Nominal robot parameters; randomization changes only the simulated robot."""
         self.control_period = period = 1.0 / control_hz
-        self.task.attach(self.robot, period, physics if isinstance(physics, str) else physics.__name__)
+        self.task.attach(self.robot_params, period, physics if isinstance(physics, str) else physics.__name__)
         num_robots = self.task.num_robots
-        self.simulator = make_simulator(physics, self.robot, period, num_robots, crowd_of(people))
+        self.simulator: Any = make_simulator(physics, self.robot_params, period, num_robots, crowd_of(people))
         if people is not None:
             self.task.measures = (*self.task.measures, *PEOPLE)  # type: ignore[misc]
         estimators, by_truth = [self.task.make_estimator() for _ in range(num_robots)], self.task.uses_true_motion
-        self.robots = [Robot(self.robot, period, each, uses_true_motion=by_truth) for each in estimators]
-        self._randomization: Randomization | None = None
+        self.robots = [Robot(self.robot_params, period, each, uses_true_motion=by_truth) for each in estimators]
+        self.randomization: Randomization | None = None
         if randomize:
-            self._randomization = Randomization(randomize, self.robot, self.simulator.ignored)
-            self.simulator.set_robot(self._randomization.robot(self._randomization.highest))
+            self.randomization = Randomization(randomize, self.robot_params, self.simulator.ignored)
+            self.simulator.set_robot(self.randomization.robot(self.randomization.highest))
         self.time_limit = time_limit or math.inf
         """Maximum duration of the episode [s]."""
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(control_hz))}
-        self.plans: list[np.ndarray | None] = [None] * num_robots
-        """Planned path of each robot for rendering, shape (n, 2), map frame [m], or None; set by the user, cleared by
-        `reset`."""
-        self.tracks = NO_TRACKS
-        """People tracked by the first robot, for rendering, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
-        by the user, cleared by `reset`."""
-        self.markers: Callable[[], Markers | None] | None = None
-        """Function that returns the markers of the policy, for rendering; set by the user, cleared by `reset`."""
+        self.overlay = Overlay(num_robots)
+        """Plans, tracks and markers of the policy, for rendering."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
         """Callback of recorders, called with None after a reset and with the commanded twists after each control
         period."""
         self._time_limit = time_limit
         self.clip_actions = clip_actions
-        self._is_team = self.task.is_team
-        self.collision_monitor = CollisionMonitor(self.robot, period) if collision_monitor else None
         self.sensors = make_sensors(sensors)
         measured = {sensor.name: partial(Measured, sensor) for sensor in self.sensors}
         chosen = self.task.default_observations() if observations is None else observations
         self.parts = make_parts(chosen, {**measured, **self.task.observation_parts()})
-        space: Any = spaces.Dict({name: part.space(self.robot) for name, part in self.parts.items()})
-        self.observation_space: spaces.Space[Any] = batch_space(space, num_robots) if self._is_team else space
-        space = self.observation_space
+        space: Any = spaces.Dict({name: part.space(self.robot_params) for name, part in self.parts.items()})
+        self.observation_space: Any = batch_space(space, num_robots) if self.task.is_team else space
         for one in self.robots:
             has_map = self.simulator.crowd.crowd is not None and not isinstance(one.estimator, DeadReckoning)
             is_observed = any(isinstance(part, Tracks) for part in self.parts.values())
             if is_observed or (has_map if track_people is None else track_people):
                 one.track_people()
         self.uses_ground_truth |= any(getattr(part, "uses_ground_truth", False) for part in self.parts.values())
-        self._layout: list[tuple[str, Any, Any]] = [
-            (name, space[name].shape, space[name].dtype) for name in space.spaces
-        ]
-        self._action_shape = (num_robots, 2) if self._is_team else (2,)
-        self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
-        self._root: np.random.Generator | None = None
-        self._prepared: tuple[Any, ...] = (None,) * 4
-        self.whole_step, self._fixed_info = WholeStep(self), fixed_info
+        self.action_space = spaces.Box(-1.0, 1.0, (num_robots, 2) if self.task.is_team else (2,), np.float32)
+        self._worlds = EpisodeWorlds(self.task)
         self.has_begun = False
-        self._blank: dict[str, Any] = {}
-        self._renderer: Any = None
+        self._blank, self.fixed_info = dict[str, Any](), fixed_info
+        self.period = Period(self, CollisionMonitor(self.robot_params, period) if collision_monitor else None)
+        """Stages of a control period."""
         for k, one in enumerate(self.robots):
             one.peers = [*self.robots[:k], *self.robots[k + 1 :]]
 
@@ -211,36 +176,34 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         super().reset(seed=seed)
         self.has_begun = False
         task.options = {key: options[key] for key in task.reset_options if key in options}
-        self.world = task.place(self._next_world(options.get("world")), options.get("start"))
+        self.world = task.place(self._worlds.next(options.get("world"), self.np_random), options.get("start"))
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
-        if self._randomization is not None:
-            # Spawned last: randomization does not change other parts of the episode.
-            self.randomized = self._randomization.draw(self.np_random.spawn(1)[0])
-            self.simulator.set_robot(self._randomization.robot(self.randomized))
-        # Spawned last: sensors and people do not change other parts of the episode.
+        # Spawned last: randomization, sensors and people do not change other parts of the episode.
+        if self.randomization is not None:
+            self.simulator.set_robot(self.randomization.draw(self.np_random.spawn(1)[0]))
         sensor_rngs = self.np_random.spawn(len(self.sensors))
         crowd_rng = self.np_random.spawn(1)[0] if self.simulator.crowd.crowd else None
         readings = self.simulator.reset(self.world, starts, rngs[::2], crowd_rng)
         rows = self.simulator.rows
         rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = task.map_pose
         self.truths = [GroundTruth(rows, k) for k in range(num_robots)]
+        for sensor, rng in zip(self.sensors, sensor_rngs, strict=True):
+            sensor.reset(self.world, rng)
         if self.sensors:
-            for sensor, rng in zip(self.sensors, sensor_rngs, strict=True):
-                sensor.reset(self.world, rng)
-            readings = self._measure(readings)
-        self.priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
-        """Initial pose, covariance and map of each robot."""
-        reset_robots(self.robots, rows, readings, self.priors, rngs[1::2])
+            extras = [measure_all(self.sensors, self.simulator, k) for k in range(num_robots)]
+            readings = [one._replace(extra=extra) for one, extra in zip(readings, extras, strict=True)]
+        priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
+        reset_robots(self.robots, rows, readings, priors, rngs[1::2])
         usual = task.reset(self.simulator, self.robots, self.np_random, task.options)
         for part in self.parts.values():
             if hasattr(part, "reset"):
                 for robot in self.robots:
                     part.reset(robot)
         self._set_time_limit(usual)
-        self.plans, self.tracks, self.markers = [None] * num_robots, NO_TRACKS, None
-        for name, value in ({**self.final_metrics(), "end_reason": ""} if self._fixed_info else {}).items():
-            self._blank[name] = np.zeros_like(value) if isinstance(value, np.ndarray) else type(value)()
+        self.overlay.clear()
+        if self.fixed_info:
+            self._blank = {name: blank(one) for name, one in {**self.final_metrics(), "end_reason": ""}.items()}
         self.has_begun = True
         if self.on_period is not None:
             self.on_period(None)
@@ -256,78 +219,36 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             gymnasium.error.ResetNeeded: if no episode has begun, or a step has failed.
         """
         self.apply(action)
-        with self.whole_step:
+        try:
             observation, outcome = self.observe(), self.outcome()
             if self.render_mode == "human":
                 self.render()
+        except BaseException:
+            self.has_begun = False
+            raise
         return observation, *outcome
 
     def apply(self, action: Any) -> None:
-        commands = self.twists(action)
-        with self.whole_step:
-            self.advance(commands)
+        """Run a control period with an action, as `step` does, without computing observation and outcome."""
+        commands = self.commands(action)
+        try:
+            self.period.run(commands)
+        except BaseException:
+            self.has_begun = False
+            raise
 
-    def twists(self, action: Any) -> list[Twist]:
+    def commands(self, action: Any) -> np.ndarray:
+        """Return the twists of an action, shape (num_robots, 2), float64 [m/s, rad/s]. Raises the errors of `step`."""
         self.check_begun()
-        action = read_action(action).astype(np.float32, copy=False)
-        if action.shape != self._action_shape:
-            raise ValueError(f"action must have shape {self._action_shape}, got {action.shape}")
-        rows = action.tolist() if self._is_team else [action.tolist()]
-        max_v, max_w = self.robot.max_v, self.robot.max_w
-        twists = []
-        for robot, (v, w) in zip(self.robots, rows, strict=True):
-            if not (-1.0 <= v <= 1.0 and -1.0 <= w <= 1.0):
-                if not self.clip_actions or math.isnan(v) or math.isnan(w):
-                    hint = clip_hint(type(self), action)
-                    raise ValueError(f"action must be finite and lie in [-1, 1], got {action}{hint}")
-                v, w = min(max(v, -1.0), 1.0), min(max(w, -1.0), 1.0)
-            robot.action = (v, w)
-            twists.append(Twist(v * max_v, w * max_w))
-        return self.limited(twists)
-
-    def limited(self, twists: list[Twist]) -> list[Twist]:
-        """Return commands [m/s, rad/s], slowed down by the collision monitor, if any."""
-        if self.collision_monitor is None:
-            return twists
-        commands = np.array(twists)
-        self.collision_monitor.slow_down(commands, self.rows.ranges, np.ones(len(commands), dtype=np.bool_))
-        return [Twist(v, w) for v, w in commands.tolist()]
+        shape: Any = self.action_space.shape
+        fractions = read_fractions(action, shape, clips=self.clip_actions, make_env=type(self))
+        return self.period.act(fractions.reshape(-1, 2))
 
     def check_begun(self) -> None:
         """Raise `gymnasium.error.ResetNeeded` if no episode has begun, or a step has failed."""
         if not self.has_begun:
             message = f"call reset of {type(self).__name__} first: no episode has begun, or a step has failed"
             raise gymnasium.error.ResetNeeded(message)
-
-    def advance(self, commands: Sequence[Twist]) -> None:
-        self.simulator.move(commands)  # world -> physics -> sensors
-        update_robots(self.rows.numbers, self.simulator.crowd.rows)  # odometry -> predicted poses
-        self.finish()
-
-    def finish(self) -> None:
-        """Update estimates, task and recorder after the motion of a control period."""
-        if self.sensors:
-            readings = self._measure([robot.reading for robot in self.robots])
-            for robot, reading in zip(self.robots, readings, strict=True):
-                robot.reading = reading
-        self.locate()
-        self.task.update(self.simulator, self.robots, self.control_period)
-        if self.on_period is not None:
-            numbers = self.rows.numbers[:, at.COMMAND_V : at.COMMAND_W + 1]
-            self.on_period([Twist(v, w) for v, w in numbers.tolist()])
-
-    def locate(self) -> None:
-        flags = self.rows.numbers[:, at.FLAGS].tolist()
-        for robot, truth, flag in zip(self.robots, self.truths, flags, strict=True):
-            robot.locate(int(flag))  # scan matching -> map
-            if int(flag) & REMEMBER_TRUE:
-                truth.remember()
-
-    def _measure(self, readings: Sequence[Reading]) -> list[Reading]:
-        return [
-            reading._replace(extra={sensor.name: sensor.measure(self.simulator, k) for sensor in self.sensors})
-            for k, reading in enumerate(readings)
-        ]
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of a step; `is_last` truncates the episode."""
@@ -365,27 +286,19 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     @property
     def why_not_fused(self) -> str:
         """Reason why one kernel call cannot step many copies of this environment; empty if it can."""
-        physics = type(self.simulator)
-        owned, used = (self, self.simulator, *self.robots), (self.task, self.task.rewards, *self.parts.values())
-        for one, own in [*zip(owned, map(overridden, owned)), *zip(used, map(shadowed, used))]:
-            if own:
-                return f"{type(one).__name__} overrides {own[0]}"
-        if self._fixed_info:
-            return "fixed_info adds entries of the last step to every info"
-        if self.robot.lidar.scan_time:
-            return "scans of a lidar that spins are deskewed in Python"
-        return "" if physics is KinematicSimulator else f"{physics.__name__} steps in Python"
+        return why_not_fused(self)
 
     @property
     def is_over(self) -> tuple[bool, bool]:
         """Flags (terminated, truncated) of the episode."""
         terminated = self.task.end_reason is not None
-        return terminated, not terminated and self.time >= self.time_limit - 1e-6
+        return terminated, not terminated and self.time >= self.time_limit - TIME_TOLERANCE
 
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
         """Return the observation in new arrays, or write it into the arrays of `out`."""
         if out is None:
-            out = {name: np.empty(shape, dtype) for name, shape, dtype in self._layout}
+            layout = self.observation_space.spaces.items()
+            out = {name: np.empty(space.shape, space.dtype) for name, space in layout}
         for name in self.parts:
             self.write_part(name, out[name])
         return dict(out)
@@ -393,24 +306,25 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def write_part(self, name: str, out: np.ndarray) -> None:
         part: Any = self.parts[name]
         shows_truth = self.uses_ground_truth and getattr(part, "uses_ground_truth", False)
-        if not (shows_truth or self._is_team):
+        if not (shows_truth or self.task.is_team):
             part.write(self.robots[0], out)
             return
-        for robot, truth, row in zip(self.robots, self.truths, out if self._is_team else (out,), strict=True):
+        for robot, truth, row in zip(self.robots, self.truths, out if self.task.is_team else (out,), strict=True):
             part.write(robot, row, *(truth,) * shows_truth)
 
-    def info(self, rewards: dict[str, float]) -> dict[str, Any]:
+    def info(self, rewards: Mapping[str, float]) -> dict[str, Any]:
+        """Return `info` of the last control period, with its reward terms."""
         info: dict[str, Any] = self._blank | self.task.metrics()
-        rows = self.rows.numbers
-        if self._randomization is not None:
-            info["randomized"] = dict(self.randomized)
-        info["time"], info["rewards"], info["pose_error"] = self.time, rewards, pose_errors(rows)
-        if self._is_team:
-            info["path_length"] = rows[:, at.PATH_LENGTH].copy()
-            info["collisions"] = rows[:, at.COLLISIONS].astype(np.int64)
+        if self.randomization is not None:
+            info["randomized"] = dict(self.randomization.values)
+        shared = shared_info(self.rows.numbers)
+        info["time"], info["rewards"], info["pose_error"] = self.time, rewards, shared["pose_error"]
+        if self.task.is_team:
+            info["path_length"] = shared["path_length"].copy()
+            info["collisions"] = shared["collisions"].astype(np.int64)
         else:
-            info["pose_error"], info["path_length"] = info["pose_error"][0], float(rows[0, at.PATH_LENGTH])
-            info["collisions"] = int(rows[0, at.COLLISIONS])
+            info["pose_error"], info["path_length"] = info["pose_error"][0], float(shared["path_length"][0])
+            info["collisions"] = int(shared["collisions"][0])
         return info
 
     def prepare(self) -> None:
@@ -418,10 +332,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
         May run in another thread between two resets. The world is unused if `reset` gets a seed or a world.
         """
-        sampler = self.task.sampler_ahead
-        if sampler is not None and self._root is self.np_random:
-            before, after = self._world_rng, copy.deepcopy(self._world_rng)
-            self._prepared = sampler, before, after, self.task.draw_world(None, after)
+        self._worlds.prepare(self.np_random)
 
     @property
     def rows(self) -> Rows:
@@ -449,12 +360,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self.robots[0].belief
 
     @property
-    def plan(self) -> np.ndarray | None:
-        return self.plans[0]
-
-    @plan.setter
-    def plan(self, path: np.ndarray | None) -> None:
-        self.plans[0] = path
+    def robot(self) -> RobotParams:
+        """As `robot_params`."""
+        return self.robot_params
 
     def render(self) -> np.ndarray | None:
         """Draw the current state; return an image, shape (height, width, 3), uint8, for `rgb_array`."""
@@ -462,11 +370,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             gymnasium.logger.warn("render() does nothing without a render_mode; pass one to gymnasium.make")
             return None
         self.check_begun()
-        if self._renderer is None:
-            from lidarnaut.envs.rendering import Renderer
-
-            self._renderer = Renderer(self.render_mode, self.metadata["render_fps"])
-        return self._renderer.draw(self.scene())
+        return self.overlay.draw(self.scene(), self.render_mode, self.metadata["render_fps"])
 
     def scene(self) -> Scene:
         first, *peers = (scene_of(self, k) for k in range(len(self.robots)))
@@ -477,12 +381,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """End the episode; release the physics engine and the window."""
         self.has_begun = False
         self.simulator.close()
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_renderer": None}
+        self.overlay.close()
 
     def set_goal(self, goal: Sequence[float]) -> None:
         """Set the next goal, (x, y, theta) or (x, y), map frame [m, rad], and continue the episode.
@@ -492,7 +391,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             gymnasium.error.ResetNeeded: if no episode has begun.
         """
         self._set_time_limit(self.time + self._of_task("set_goal")(goal))
-        self.plan = None
+        self.overlay.plan = None
 
     def set_initial_pose(self, pose: Sequence[float] | str) -> None:
         """Restart localization at a pose estimate, as by ROS's topic `/initialpose`, and continue the episode.
@@ -511,51 +410,14 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ValueError(f"task {type(self.task).__name__} does not support {method}")
         return getattr(self.task, method)
 
-    def _next_world(self, wanted: Any) -> World:
-        (sampler, before, after, world), self._prepared = self._prepared, (None,) * 4
-        if self._root is not self.np_random:
-            self._root, root = self.np_random, self.np_random.bit_generator.seed_seq
-            key = (*root.spawn_key, WORLD_SPAWN_KEY)  # type: ignore[attr-defined]
-            self._world_rng = np.random.default_rng(np.random.SeedSequence(root.entropy, spawn_key=key))  # type: ignore[attr-defined]
-            return self.task.draw_world(wanted, self.np_random)
-        if wanted is None and before is self._world_rng and sampler is self.task.sampler_ahead:
-            self._world_rng = after
-            return world
-        rng = copy.deepcopy(self._world_rng)  # `prepare` may copy the original now
-        try:
-            return self.task.draw_world(wanted, rng)
-        finally:
-            self._world_rng = rng
-
     def _set_time_limit(self, usual: float) -> None:
         if self._time_limit is None:
             self.time_limit = usual
 
 
-class Quantities(dict[str, Any]):
-    """Quantities of a step: those of the task, and shared ones (see `Rewards`), computed when first read by name."""
-
-    def __init__(self, own: Mapping[str, Any], env: Any) -> None:
-        """Begin with the task's quantities `own`, and shared ones with a weight. `env`: `LidarEnv` after a step."""
-        super().__init__(own)
-        self._env = env
-        self.update({name: self[name] for name in env.task.rewards.shared})
-
-    def __missing__(self, name: str) -> Any:
-        rows, world = self._env.rows.numbers, self._env.world
-        if name in COLUMNS:
-            values = rows[:, COLUMNS[name]].copy()
-        elif name == "obstacle_gap":
-            bodies, values = rows[:, [at.X, at.Y, at.ROBOT]], np.empty(len(rows))
-            for k, (x, y, radius) in enumerate(bodies.tolist()):
-                circles = np.ascontiguousarray(np.vstack([world.circles, np.delete(bodies, k, axis=0)]))
-                values[k] = min(max(clearance(x, y, world.segments, circles) - radius, 0.0), MAX_PERSON_GAP)
-        elif name in SHARED_QUANTITIES:
-            values = pose_errors(rows)[:, int(name == "yaw_error")]
-        else:
-            raise ValueError(f"unknown quantity {explain_unknown(name, dict.fromkeys([*self, *SHARED_QUANTITIES]))}")
-        self[name] = values if self._env.task.is_team else float(values[0])
-        return self[name]
+def blank(value: Any) -> Any:
+    """Return the value of the type of `value` that stands for no value: 0, empty or False."""
+    return np.zeros_like(value) if isinstance(value, np.ndarray) else type(value)()
 
 
 def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:

@@ -50,8 +50,10 @@ class Randomization:
         self._robot = robot
         self._ranges = {name: _check_range(name, ranges[name], robot) for name in sorted(ranges)}
 
-    def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        return {name: float(rng.uniform(low, high)) for name, (low, high) in self._ranges.items()}
+    def draw(self, rng: np.random.Generator) -> RobotParams:
+        """Sample `values`, and return the robot with them."""
+        self.values = {name: float(rng.uniform(low, high)) for name, (low, high) in self._ranges.items()}
+        return self.robot(self.values)
 
     def robot(self, values: Mapping[str, float]) -> RobotParams:
         robot = self._robot

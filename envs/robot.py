@@ -157,7 +157,7 @@ class Robot:
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
         self.belief.grows = prior.map is None
-        self._rows, self.index = rows, index
+        self._rows, self.index, self.has_known_map = rows, index, prior.map is not None
         self.reading, row = reading, self._row
         self.trail = Trail()
         """Path of estimated positions, map frame [m]."""

@@ -46,6 +46,11 @@ class Measured:
         out[...] = robot.reading.extra[self._name]
 
 
+def measure_all(sensors: Sequence[Sensor], simulator: Simulator, robot: int) -> dict[str, np.ndarray]:
+    """Return the measurements of a robot by the names of the sensors."""
+    return {sensor.name: sensor.measure(simulator, robot) for sensor in sensors}
+
+
 def make_sensors(sensors: Sequence[Any]) -> list[Sensor]:
     """Create sensors from `Sensor` objects (copied), `Sensor` classes, or import paths `module:attribute`.
 

@@ -14,11 +14,13 @@ from lidarnaut.envs.arguments import is_number
 from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.files import SHORT, explain_unknown, resolve
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.measures import TIME_TO_SUCCESS, Measure
-from lidarnaut.envs.robot import Prior, Robot
+from lidarnaut.envs.robot import MAX_PERSON_GAP, Prior, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.transition import pose_errors
 from lidarnaut.envs.worlds import World
 
 COLUMNS = {"forward_speed": at.V, "yaw_rate": at.W, "action_v": at.ACTION_V, "action_w": at.ACTION_W}
@@ -141,6 +143,32 @@ class Rewards:
         if isinstance(terms, Mapping):
             terms = {name: term for name, term in terms.items() if not is_number(term)}
         raise ValueError(f"reward {type(self).__name__} must return finite numbers by name, got {SHORT.repr(terms)}")
+
+
+class Quantities(dict[str, Any]):
+    """Quantities of a step: those of the task, and shared ones (see `Rewards`), computed when first read by name."""
+
+    def __init__(self, own: Mapping[str, Any], env: Any) -> None:
+        """Begin with the task's quantities `own`, and shared ones with a weight. `env`: `LidarEnv` after a step."""
+        super().__init__(own)
+        self._env = env
+        self.update({name: self[name] for name in env.task.rewards.shared})
+
+    def __missing__(self, name: str) -> Any:
+        rows, world = self._env.rows.numbers, self._env.world
+        if name in COLUMNS:
+            values = rows[:, COLUMNS[name]].copy()
+        elif name == "obstacle_gap":
+            bodies, values = rows[:, [at.X, at.Y, at.ROBOT]], np.empty(len(rows))
+            for k, (x, y, radius) in enumerate(bodies.tolist()):
+                circles = np.ascontiguousarray(np.vstack([world.circles, np.delete(bodies, k, axis=0)]))
+                values[k] = min(max(clearance(x, y, world.segments, circles) - radius, 0.0), MAX_PERSON_GAP)
+        elif name in SHARED_QUANTITIES:
+            values = pose_errors(rows)[:, int(name == "yaw_error")]
+        else:
+            raise ValueError(f"unknown quantity {explain_unknown(name, dict.fromkeys([*self, *SHARED_QUANTITIES]))}")
+        self[name] = values if self._env.task.is_team else float(values[0])
+        return self[name]
 
 
 def magnitude(name: str, value: Any) -> float:

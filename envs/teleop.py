@@ -133,12 +133,12 @@ class Teleop:
         elif navigator.is_driving:
             twist = np.array(navigator.act(env.reading, env.belief))
             self._message = navigator.end_reason or self._message
-        env.plan = navigator.plan
+        env.overlay.plan = navigator.plan
         return np.clip(twist / limits, -1.0, 1.0).astype(np.float32)
 
     def _show(self) -> None:
         env, (width, height), surface = self._env, SIZE, self._window.get_surface()
-        env.tracks = people_in(env.belief.people, env.belief.pose)
+        env.overlay.tracks = people_in(env.belief.people, env.belief.pose)
         scene = env.scene()
         if self._has_map and self._navigator.goal is None:
             scene.goal, scene.progress = None, 0.0

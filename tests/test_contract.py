@@ -303,7 +303,7 @@ BAD_ARGUMENTS = [
     ("Track", {"map_pose": "x"}, "'spawn'"),
     ("Track", {"map_latency": -0.1}, "map_latency"),
     ("Track", {"start_spread": (0.1, -0.1)}, "start_spread"),
-    ("ExploreFrontiersAbstract", {"physics": "bullet"}, "physics must be 'kinematic'"),
+    ("ExploreFrontiersAbstract", {"physics": "bullet"}, "physics must be 'slide'"),
     ("ExploreFrontiersAbstract", {"slam": "hector"}, "slam must be 'truth'"),
     ("ExploreFrontiersAbstract", {"scan_distance": 0.0}, "scan_distance"),
     ("ExploreFrontiersAbstract", {"drift": (0.1, -0.1)}, "drift"),

@@ -198,10 +198,10 @@ def test_a_drag_gives_a_goal_with_a_heading_and_keys_cancel_it(navigating):
     assert env.map_pose.compose(env.task.goal) == pytest.approx(wanted, abs=0.02)
     assert (np.abs(navigating.picture[MAP_PANEL] - style.FRONTIER).max(axis=2) < 5).any()
     navigating.tick(20)
-    assert env.plan is not None
+    assert env.overlay.plan is not None
     assert math.dist(env.truths[0].state.pose[:2], (-2.0, -0.5)) > 0.1
     navigating.tick(2, down=[pygame.K_SPACE])
-    assert env.plan is None
+    assert env.overlay.plan is None
     stopped = env.truths[0].state.pose
     navigating.tick(10)
     assert math.dist(env.truths[0].state.pose[:2], stopped[:2]) < 0.05

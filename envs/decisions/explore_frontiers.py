@@ -1,7 +1,7 @@
 """Exploration environment with actions that choose frontiers."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -10,9 +10,9 @@ import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.envs.arguments import check_positive, is_whole
-from lidarnaut.envs.core import LidarEnv, Quantities
-from lidarnaut.envs.decisions.drive import UNCHECKED, drive
+from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.navigation import (
     FEATURES,
     NUM_SECTORS,
@@ -22,14 +22,16 @@ from lidarnaut.envs.navigation import (
     Markers,
     robot_features,
 )
+from lidarnaut.envs.navigation.controllers.navigator_kernels import DRIVING, FAILED, REACHED, SPUN, TIME_UP
 from lidarnaut.envs.observations import FAR_PIXEL, MapCrop
 from lidarnaut.envs.robot import SCAN, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.simulation import records as at
-from lidarnaut.envs.simulation.rows import BLOCK
-from lidarnaut.envs.task import magnitude
+from lidarnaut.envs.simulation.slide import DRIVEN, Slide
+from lidarnaut.envs.task import COLUMNS
 from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.transition import UNCHECKED
 
 MAX_CANDIDATES = 1000
 """Upper limit of the argument `max_candidates`: observations contain distances between all candidates."""
@@ -131,19 +133,28 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     ) -> None:
         if not (is_whole(max_candidates) and 1 <= max_candidates <= MAX_CANDIDATES):
             raise ValueError(f"max_candidates must be an integer from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
-        for name, id in self.ignores.items():
-            if arguments.get(name):
-                raise ValueError(f"argument {name!r} has no effect in {type(self).__name__}; choose {id}")
         check_positive(max_decision_time=max_decision_time)
+        ignores = dict(self.ignores)
+        if arguments.get("physics") == "slide" and not self.task_kind.is_team:
+            arguments = {"slam": "truth", "map_resolution": 0.2, **arguments, "physics": Slide}
+            ignores |= Slide.ignores
+            if arguments["slam"] != "truth":
+                raise ValueError(f"slam must be 'truth' in slides, got {arguments['slam']!r}")
+            if others := [name for name in arguments.get("randomize") or () if not name.startswith("lidar.")]:
+                raise ValueError(f"randomize must name only lidar parameters in slides, got {others}")
+        for name, advice in ignores.items():
+            if arguments.get(name):
+                raise ValueError(f"argument {name!r} has no effect in {type(self).__name__}; choose {advice}")
         self.explore = env = LidarEnv(self.task_kind, control_hz=control_hz, **arguments)
         """Underlying environment with velocity commands. Its observations are not used."""
         self._task: Explore = env.task
+        if self._slides and (unknown := [name for name in env.task.rewards.shared if name in COLUMNS]):
+            raise ValueError(f"reward terms {unknown} have no effect in slides; choose {DRIVEN}")
         self._limits: Any = {"max_candidates": max_candidates, "max_time": max_decision_time}
         self.navigator = FrontierNavigator(env.robot, env.control_period, **self._limits)
         self.render_mode = env.render_mode
         self.metadata = env.metadata
         self._max_candidates = max_candidates
-        self._noted = np.empty((1, BLOCK, 4)), np.zeros((1, 2), dtype=np.int64)
         self.is_fused = False
         """Whether one kernel call simulates several control periods."""
         self._map = MapCrop(resolution=FAR_PIXEL)
@@ -167,8 +178,13 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore = self.explore
         explore.begin(seed=seed, options=options)
         self._begin()
+        if self._slides:
+            explore.simulator.area = self._task.coverage.area
+            # Scan obstacles do not move with the robot here: plan on the map only.
+            record = self.navigator.navigator.record
+            record["num_remembered"] = record["num_seen"] = record["num_obstacles"] = 0
         self.is_fused = not self.why_not_fused
-        self._steps, self._quantities = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
+        self._steps, self._rewards = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
         self._home_reason: str | None = None
         return self.observe(), self._info()
@@ -181,22 +197,28 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             gymnasium.error.ResetNeeded: if no episode has begun, or a step has failed.
         """
         self.apply(action)
-        with self.explore.whole_step:
+        try:
             return self.observe(), *self.outcome()
+        except BaseException:
+            self.explore.has_begun = False
+            raise
 
     def apply(self, action: Any) -> None:
         self.explore.check_begun()
         if isinstance(action, np.ma.MaskedArray) or not self.action_space.contains(action):
             raise ValueError(f"action must be an integer from 0 to {self._max_candidates - 1}, got {action!r}")
-        self._steps, self._quantities = 0, dict.fromkeys(self._quantities, 0.0)
+        self._steps, self._rewards = 0, dict.fromkeys(self.explore.task.rewards.weights, 0.0)
         self._path_length = float(np.sum([truth.path_length for truth in self.explore.truths]))
         self._taken = min(int(action), len(self.candidates) - 1)
-        with self.explore.whole_step:
+        try:
             self._choose(self._taken)
             self._result = self._drive()
             is_explored = self._task.is_returning or len(self.candidates) == 0
             if self._task.return_home and is_explored and not any(self.explore.is_over):
                 self._home_reason = self._drive_home()
+        except BaseException:
+            self.explore.has_begun = False
+            raise
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         info = self._info()
@@ -251,6 +273,10 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.explore.close()
 
     @property
+    def _slides(self) -> bool:
+        return isinstance(self.explore.simulator, Slide)
+
+    @property
     def why_not_fused(self) -> str:
         """Reason why one kernel call cannot simulate several control periods; empty if it can."""
         env = self.explore
@@ -258,7 +284,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
             return f"task {type(env.task).__name__} needs every control period"
-        own = env.sensors or env.task.rewards.shared or env.collision_monitor or env.robots[0].tracker
+        own = env.sensors or env.task.rewards.reads_shared or env.period.monitor or env.robots[0].tracker
         if own or env.on_period or env.render_mode == "human":
             return "sensors, rewarded speeds, monitors, trackers, recorders and windows need every control period"
         return ""
@@ -269,7 +295,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _begin(self) -> None:
         self.navigator.begin(self.explore.reading, self.belief)
-        self.explore.markers = partial(Markers.of, [self.navigator])
+        self.explore.overlay.markers = partial(Markers.of, [self.navigator])
 
     def _choose(self, index: int) -> None:
         if index >= 0:
@@ -278,15 +304,16 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             self.navigator.look_around()
 
     def _drive(self) -> str:
+        advance = self._slide if self._slides else self._advance_fused if self.is_fused else self._advance
         while True:
-            result = self._advance_fused() if self.is_fused else self._advance()
+            self.explore.overlay.plan = self.navigator.plan
+            result = advance()
             if result is not None:
-                self.explore.plan = self.navigator.plan
+                self.explore.overlay.plan = self.navigator.plan
                 return result
 
     def _advance(self) -> str | None:
         explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
-        explore.plan = navigator.plan
         self._control(navigator.command(robot.belief))
         if any(explore.is_over) or self._task.is_returning:
             navigator.look(robot.reading, robot.belief)
@@ -294,10 +321,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return navigator.update(robot.reading, robot.belief)
 
     def _control(self, *twists: Twist) -> None:
-        explore = self.explore
-        for robot, twist in zip(explore.robots, twists, strict=True):
-            robot.action = twist.v / robot.params.max_v, twist.w / robot.params.max_w
-        explore.advance(explore.limited(list(twists)))
+        period = self.explore.period
+        period.run(period.follow(np.array(twists)))
         self._note(1, 0)
 
     def _drive_home(self) -> str | None:
@@ -308,34 +333,18 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             twist = home.act(robot.reading, robot.belief)
             if home.home_reason is not None:
                 break
-            explore.plan = home.plan
+            explore.overlay.plan = home.plan
             self._control(twist)
             self.navigator.integrate(robot.belief)
         self.navigator.look(robot.reading, robot.belief)
         return home.home_reason
 
     def _advance_fused(self) -> str | None:
-        env, navigator = self.explore, self.navigator
-        simulator, robot, truth, rows = env.simulator, env.robots[0], env.truths[0], env.rows
-        left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, 1e12)) - rows.steps  # may be inf
-        rows.draw_ahead(simulator.rngs)
-        world = env.world
-        world_arrays = world.segments, world.circles, world.magnets, simulator.crowd.arrays
-        check_from = min(navigator.check_from, 1 << 40)
-        arrays = rows.numbers, rows.draws, rows.ranges, world_arrays, navigator.navigator.arrays, self._noted
-        count, progress, num_contacts = drive(*arrays, max(left, 1), check_from)
-        v, w = rows.numbers[0, at.COMMAND_V : at.COMMAND_W + 1].tolist()
-        robot.action = v / robot.params.max_v, w / robot.params.max_w
-        navigator.navigator.velocity = robot.twist
-        [positions], [[num_estimated, num_true]] = self._noted
-        robot.trail.extend(positions[:num_estimated, :2])
-        truth.trail.extend(positions[:num_true, 2:])
-        for x, y in positions[:num_estimated, :2].tolist():
-            robot.pyramid.mark(x, y)
-        env.finish()
+        env, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
+        count, progress, num_contacts = env.period.drive(navigator.navigator, navigator.check_from)
         self._note(count, num_contacts)
         reading, belief = robot.reading, robot.belief
-        if int(rows.numbers[0, at.FLAGS]) & SCAN:
+        if int(env.rows.numbers[0, at.FLAGS]) & SCAN:
             navigator.integrate(belief)
         if any(env.is_over):
             navigator.find_candidates(reading, belief)
@@ -344,19 +353,53 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             progress = navigator.navigator.check_progress(belief.pose, bumper=reading.bumper)
         return navigator.conclude(progress, reading, belief)
 
+    def _slide(self) -> str | None:
+        env, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
+        for pose, count, progress in self._spin() if navigator.plan is None else self._stops(navigator.plan):
+            env.simulator.aim(pose, count)
+            env.period.run(np.zeros((1, 2)))
+            self._note(count, 0)
+            navigator.integrate(robot.belief)
+            if any(env.is_over):
+                navigator.find_candidates(robot.reading, robot.belief)
+                return EPISODE_END
+            progress = FAILED if env.simulator.is_blocked else progress
+            result = navigator.conclude(progress, robot.reading, robot.belief)
+            if result is not None:
+                return result
+        return None
+
+    def _stops(self, plan: np.ndarray) -> Iterator[tuple[Pose2D, int, int]]:
+        """Yield estimated pose, control periods and progress of each scan on a planned path."""
+        navigator, before, progress = self.navigator.navigator, 0, DRIVING
+        stops = self.explore.simulator.stops(self.belief.pose, plan, int(navigator.numbers["max_steps"]))
+        for pose, count, is_last, is_end in stops:
+            navigator.record["steps"] = count
+            if is_last:
+                progress = REACHED if is_end else TIME_UP
+            if progress == REACHED and not navigator.numbers["sees_around"]:
+                target = self.navigator.target or pose[:2]
+                heading = math.atan2(target[1] - pose.y, target[0] - pose.x) - self.robot.lidar.mount.yaw
+                pose = pose._replace(theta=heading)
+            yield pose._replace(theta=wrap_angle(pose.theta)), count - before, progress
+            before = count
+
+    def _spin(self) -> Iterator[tuple[Pose2D, int, int]]:
+        """Yield estimated pose, control periods and progress of each scan of a turn in place."""
+        navigator, (x, y, theta) = self.navigator.navigator, self.belief.pose
+        navigator.stop()
+        parts = 1 if navigator.numbers["sees_around"] else max(4, math.ceil(2.0 * math.pi / self.robot.lidar.fov))
+        count = math.ceil(2.0 * math.pi / float(navigator.numbers["spin_rate"]) / self.explore.control_period / parts)
+        for k in range(parts):
+            heading = wrap_angle(theta + 2.0 * math.pi * (k + 1) / parts)
+            yield Pose2D(x, y, heading), count, SPUN if k == parts - 1 else DRIVING
+
     def _note(self, count: int, contacts: int) -> None:
         self._steps += count
         if self.render_mode == "human":
             self.render()
-        period, quantities = self.explore.control_period, self._quantities
-        for name, quantity in self.explore.task.quantities().items():
-            quantities[name] += quantity
-        if count > 1:
-            quantities["time"] += (count - 1) * period
-            quantities["collision"] += contacts * period
-        if self.explore.task.rewards.shared:
-            for name, value in Quantities({}, self.explore).items():
-                quantities[name] += count * magnitude(name, value)
+        for name, term in self.explore.period.reward_terms(count, contacts).items():
+            self._rewards[name] = self._rewards.get(name, 0.0) + term
 
     def _mask(self) -> np.ndarray:
         mask = np.zeros(self._max_candidates, dtype=np.int8)
@@ -365,14 +408,12 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _info(self) -> dict[str, Any]:
         explore = self.explore
-        means = {name: self._quantities[name] / max(self._steps, 1) for name in explore.task.rewards.shared}
-        info = explore.info(explore.reward_terms(self._quantities | means))
-        return info | {
+        return explore.info(self._rewards) | {
             "action_mask": self._mask(),
             "action": self._taken,
             "outcome": self._result,
             "decision_time": self._steps * explore.control_period,
-            "decision_length": float(np.sum(info["path_length"])) - self._path_length,
+            "decision_length": float(np.sum([truth.path_length for truth in explore.truths])) - self._path_length,
             "decision_steps": self._steps,
-            "area_left": self._task.coverage.area.area - info["explored_area"],
+            "area_left": self._task.coverage.area.area - self._task.coverage.explored_area,
         }

@@ -109,7 +109,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     def _begin(self) -> None:
         explore, numbers = self.explore, range(len(self.explore.robots))
         team = [TeamRobot(explore.robot, explore.control_period, k, **self._limits) for k in numbers]
-        self._team, explore.markers = TeamNavigator(explore.robot, team), partial(Markers.of, team)
+        self._team, explore.overlay.markers = TeamNavigator(explore.robot, team), partial(Markers.of, team)
         self._due = self._update()
         self._turn(self._due.pop(0) if self._due else team[0])
 
@@ -133,7 +133,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     def _drive(self) -> str:
         explore = self.explore
         while not self._due:
-            explore.plans[:] = self._team.plans
+            explore.overlay.plans[:] = self._team.plans
             if self._team.end_reason is not None:
                 return EPISODE_END
             self._control(*(robot.command(explore.robots[robot.index].belief) for robot in self._team.team))
@@ -143,7 +143,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
             self._due = self._update()
         robot = self._due.pop(0)
         self._turn(robot)
-        explore.plans[:] = self._team.plans
+        explore.overlay.plans[:] = self._team.plans
         return str(robot.outcome)
 
     @property

@@ -110,10 +110,10 @@ class EpisodeRecorder:
                 "people": people,
             }
         )
-        self._plans.append(np.empty((0, 2)) if env.plan is None else corners(env.plan, PLAN_TOLERANCE))
-        self._tracks.append(env.tracks)
+        self._plans.append(np.empty((0, 2)) if env.overlay.plan is None else corners(env.overlay.plan, PLAN_TOLERANCE))
+        self._tracks.append(env.overlay.tracks)
         # Decisions contain the frontiers of a navigator.
-        markers = env.markers() if env.markers and self._offered() is None else None
+        markers = env.overlay.markers() if env.overlay.markers and self._offered() is None else None
         before, self._shown = self._shown, {row.tobytes() for row in marker_rows(markers or Markers())}
         changes = np.frombuffer(b"".join(sorted(before ^ self._shown)), dtype=np.float32).reshape(-1, 5)
         self._markers.append(np.insert(changes, 0, len(self._markers), axis=1))

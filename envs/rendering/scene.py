@@ -77,7 +77,7 @@ def scene_of(env: Any, k: int) -> Scene:
     """Return the current scene (data of a picture) of robot `k` in an environment."""
     robot, truth, task = env.robots[k], env.truths[k], env.task
     estimator = robot.estimator
-    pose_graph, plan = estimator.pose_graph, env.plans[k]
+    pose_graph, plan = estimator.pose_graph, env.overlay.plans[k]
     traces = (one for one in estimator.observers or () if isinstance(one, MatcherTrace))
     return Scene(
         world=env.world,
@@ -85,7 +85,7 @@ def scene_of(env: Any, k: int) -> Scene:
         pose=truth.state.pose,
         start=env.map_pose,
         people=env.simulator.people,
-        tracks=env.tracks,
+        tracks=env.overlay.tracks,
         belief=robot.belief,
         ranges=robot.reading.ranges,
         trail=truth.trail.positions,
@@ -97,8 +97,8 @@ def scene_of(env: Any, k: int) -> Scene:
         collisions=sum(other.collisions for other in env.robots),
         goal=task.goal,
         particles=estimator.particles,
-        has_known_map=env.priors[k].map is not None,
+        has_known_map=robot.has_known_map,
         pose_graph=pose_graph if isinstance(pose_graph, PoseGraphView) else None,
-        markers=env.markers() if k == 0 and env.markers else None,
+        markers=env.overlay.markers() if k == 0 and env.overlay.markers else None,
         tested=next((np.reshape(one.tested, (-1, 4)) for one in traces), None),
     )

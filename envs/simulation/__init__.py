@@ -1,22 +1,25 @@
 """Physics simulation of robots and their sensors."""
 
+from typing import Any
+
 from lidarnaut.envs.robots import RobotParams
 
 from .crowd import Crowd
 from .kinematic import KinematicSimulator
+from .mover import Mover
+from .physics import Simulator
 from .rows import Reading, RobotState, Twist
-from .simulator import Simulator
 
 PHYSICS = ("bullet", "kinematic")
 
 
 def make_simulator(
-    physics: str | type[Simulator],
+    physics: str | type[Mover],
     robot: RobotParams,
     control_period: float,
     num_robots: int = 1,
     crowd: Crowd | None = None,
-) -> Simulator:
+) -> Any:
     """Create a physics simulator of `num_robots` identical robots.
 
     `physics`: "kinematic", "bullet" for rigid bodies in PyBullet, or a class. `control_period`: time between commands
@@ -39,4 +42,14 @@ def make_simulator(
     raise ValueError(f"unknown physics {physics!r}; choose one of {', '.join(PHYSICS)}")
 
 
-__all__ = ["PHYSICS", "Crowd", "KinematicSimulator", "Reading", "RobotState", "Simulator", "Twist", "make_simulator"]
+__all__ = [
+    "PHYSICS",
+    "Crowd",
+    "KinematicSimulator",
+    "Mover",
+    "Reading",
+    "RobotState",
+    "Simulator",
+    "Twist",
+    "make_simulator",
+]

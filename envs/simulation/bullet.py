@@ -14,8 +14,8 @@ from .bullet_robot import BulletRobot
 from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls, import_pybullet
 from .crowd import Crowd
 from .crowd.step import step_people
+from .physics import Simulator
 from .records import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, TOUCHED_PERSON, X, Y, robot_record
-from .simulator import Simulator
 
 GRAVITY = 9.81
 SOLVER_ITERATIONS = 15

@@ -12,8 +12,8 @@ from lidarnaut.envs.worlds import World
 from . import records as at
 from .contact import push_out, select_near
 from .crowd.step import step_people, with_bodies, with_people
+from .physics import Simulator
 from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
-from .simulator import Simulator
 
 SLIP_MARGIN = 0.5
 """Wheel slip raises speed and yaw rate above the robot's maxima by at most this fraction."""

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from lidarnaut.envs.columns import Extras, Memory, Records, parts_of, whole_of
 from lidarnaut.envs.core import LidarEnv, lidar_env_of
 from lidarnaut.envs.overrides import overridden
-
-from .batch import Batch
-from .memory import Extras, Memory, Records, parts_of, whole_of
+from lidarnaut.envs.period import Batch
 
 _preparing = threading.Lock()
 """Lock that prevents forks of the process while a thread samples the next world."""
@@ -160,7 +159,7 @@ class Shard:
         if not self._records.kinds:
             return
         changed = [self.envs[i] for i in (range(len(self.envs)) if self._batch is None else indices)]
-        if self._is_own.any() or not all(isinstance(env, LidarEnv) and env.is_fused for env in changed):
+        if self._is_own.any() or not all(isinstance(env, LidarEnv) and not env.why_not_fused for env in changed):
             self._batch = None
             return
         if self._batch is None:

@@ -16,9 +16,9 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from lidarnaut.envs.arguments import clip_hint, is_whole, read_action, read_options
+from lidarnaut.envs.columns import Absent, Extras, Memory, from_record, kinds_of, whole_of
 from lidarnaut.envs.processes import interrupts_delayed, num_cores
 
-from .memory import Absent, Extras, Memory, from_record, kinds_of, whole_of
 from .shard import Shard, is_own
 from .workers import Worker
 

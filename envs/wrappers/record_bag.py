@@ -86,7 +86,7 @@ class BagRecorder:
             self._is_started = True
             write("/tf_static", time, messages.static_transforms(self._robot.params.lidar.mount))
         else:
-            plan = self._env.plan
+            plan = self._env.overlay.plan
             write("/cmd_vel", self._time, messages.command(self._time, commands[0]))
             write("/plan", self._time, messages.path(self._time, _NO_PATH if plan is None else plan))
         twist = Twist(reading.motion.x / self._env.control_period, reading.motion.theta / self._env.control_period)
@@ -98,7 +98,7 @@ class BagRecorder:
         for sensor in self._env.sensors:
             write(f"/sensors/{sensor.name}", time, messages.numbers(np.asarray(reading.extra[sensor.name])))
         people = people_in(self._env.simulator.people, self._env.map_pose.inverse())
-        for topic, found in ((TRACKS, self._env.tracks), (PEOPLE, people)):
+        for topic, found in ((TRACKS, self._env.overlay.tracks), (PEOPLE, people)):
             if len(found):
                 write(topic, time, messages.people(time, found))
         write("/odom", time, messages.odometry(time, reading.odometry, twist))

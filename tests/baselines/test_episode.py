@@ -9,8 +9,10 @@ import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.baselines.policy import OnePerRobot
-from lidarnaut.envs.core import NO_TRACKS, LidarEnv, lidar_env_of
+from lidarnaut.envs.core import LidarEnv, lidar_env_of
 from lidarnaut.envs.geometry import ORIGIN
+from lidarnaut.envs.navigation.controllers.local_planner import NO_TRACKS
+from lidarnaut.envs.rendering.overlay import Overlay
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.explore import Explore
 
@@ -19,13 +21,13 @@ class ScriptedEnv(LidarEnv):
     """Each step takes 2 s and 0.5 m, with a fraction from a list, and position errors of 3 and 4 cm."""
 
     action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,))
-    robot = SimpleNamespace(max_v=0.5, max_w=1.0)
+    robot = robot_params = SimpleNamespace(max_v=0.5, max_w=1.0)
     control_period = 2.0
     reading, belief = None, SimpleNamespace(pose=ORIGIN, people=NO_TRACKS)
 
     def __init__(self, fractions, time_limit, target=0.99):
         self.fractions, self.time_limit, self.target = fractions, time_limit, target
-        self.plans = [None]
+        self.overlay = Overlay(1)
         self.task = Explore()
 
     def final_metrics(self):
@@ -242,7 +244,7 @@ def test_markers_of_policies_are_shown(id, name, num_trees):
     env.reset(seed=0)
     inner = lidar_env_of(env)
     run_episode(env, policies_for(env)[name](), 0)
-    markers, scene = inner.markers(), inner.scene()
+    markers, scene = inner.overlay.markers(), inner.scene()
     if num_trees is None:
         assert markers is None
         return
@@ -260,4 +262,4 @@ def test_markers_of_policies_are_shown(id, name, num_trees):
     assert scene.markers.clusters.tolist() == markers.clusters.tolist()
     assert all(peer.markers is None for peer in scene.peers)
     env.reset(seed=1)
-    assert (inner.markers is None) == (id in ("Explore-v0", "ExploreTeam-v0")), "of this episode only"
+    assert (inner.overlay.markers is None) == (id in ("Explore-v0", "ExploreTeam-v0")), "of this episode only"

@@ -16,8 +16,8 @@ from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.navigation.frontiers.candidates import COST
+from lidarnaut.envs.period import Period
 from lidarnaut.envs.robots import load_robot
-from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.slam import GMapping, GraphSlam, Hector, KnownPoses, TinySlam, load_params
 from lidarnaut.envs.tasks.explore import Explore
 from tests.rollouts import nearest, rollout
@@ -136,14 +136,14 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
     env = ExploreFrontiersEnv(**QUICK, slam=partial(make_own, OwnTinySlam, {}), reward={"collision": -1.0})
     observation, info = env.reset(seed=5)
     taken = []
-    advance = LidarEnv.advance
+    run = Period.run
 
-    def spy(explore, commands):
+    def spy(period, commands):
         # Driving straight on, without the navigator, the robot hits a wall.
-        advance(explore, [Twist(explore.robot.max_v, 0.0)])
-        taken.append(explore.outcome()[3]["rewards"])
+        run(period, np.array([[env.robot.max_v, 0.0]]))
+        taken.append(env.explore.outcome()[3]["rewards"])
 
-    monkeypatch.setattr(LidarEnv, "advance", spy)
+    monkeypatch.setattr(Period, "run", spy)
     collision = 0.0
     for _ in range(8):
         taken.clear()

@@ -18,6 +18,7 @@ from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.logs.trajectory import compose_poses, odometry_scales
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams
+from lidarnaut.envs.period import COMMAND
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import records
 from lidarnaut.envs.worlds import load_world
@@ -67,7 +68,7 @@ def compare(make, arguments, motion):
     simulated = "world", "robot", "physics", "people", "start"
     kept = {key: value for key, value in arguments.items() if key not in simulated}
     if hasattr(env.task, "localizer"):
-        kept["map"] = env.priors[0].map
+        kept["map"] = env.task.prior(0, np.random.default_rng(0)).map
     driver = Driver(own, env.robot, motion=motion, seed=3, **kept)
     if env.task.goal is not None:
         driver.goal(*env.task.goal[: 3 if "heading_tolerance" in kept else 2])
@@ -82,7 +83,8 @@ def compare(make, arguments, motion):
         driver.bumper(reading.bumper)
         driver.scan(reading.ranges, reading.time)
         action = decide(observation)
-        commands.append((env.twists(action)[0], driver.command(reading.time)))
+        env.period.command(env.commands(action))
+        commands.append((env.rows.numbers[0, COMMAND].copy(), driver.command(reading.time)))
         observation, _, terminated, truncated, _ = env.step(action)
         if terminated or truncated:
             break
@@ -377,7 +379,9 @@ def test_what_a_robot_cannot_have_is_refused():
 def test_an_initial_pose_may_come_before_the_first_scan():
     env = gymnasium.make(**NAVIGATE | {"physics": "kinematic"}).unwrapped
     env.reset(seed=0)
-    driver = Driver(controller("pursuit"), BURGER, id="lidarnaut/Navigate-v0", map=env.priors[0].map)
+    driver = Driver(
+        controller("pursuit"), BURGER, id="lidarnaut/Navigate-v0", map=env.task.prior(0, np.random.default_rng(0)).map
+    )
     driver.initial_pose(1.0, 0.5, 0.3)
     driver.odometry((0.0, 0.0, 0.0), 0.0)
     driver.scan(env.reading.ranges, 0.0)

@@ -90,7 +90,7 @@ def test_trees_and_points_are_recorded_once_with_the_samples_that_show_them():
 
     def watch(info):
         if abs(info["time"] / 0.5 - round(info["time"] / 0.5)) < 1e-6:
-            shown.append(marker_rows(env.unwrapped.markers() or Markers()))
+            shown.append(marker_rows(env.unwrapped.overlay.markers() or Markers()))
 
     with EpisodeRecorder(env, explorer) as recorder:
         run_episode(env, explorer, 0, watch)
@@ -160,7 +160,7 @@ def test_people_are_recorded_with_their_velocity_and_tracks_in_the_map_frame():
     env = gymnasium.make("lidarnaut/Explore-v0", world="turtlebot3_stage_4", physics="kinematic", slam="truth")
     with EpisodeRecorder(env) as recorder:
         env.reset(seed=0)
-        env.unwrapped.tracks = np.array([[1.0, 2.0, 0.5, 0.0, 0.3]])
+        env.unwrapped.overlay.tracks = np.array([[1.0, 2.0, 0.5, 0.0, 0.3]])
         for _ in range(5):
             env.step(np.zeros(2, dtype=np.float32))
     recording, people = recorder.recording(), env.unwrapped.simulator.people

@@ -55,9 +55,9 @@ class Failing(LidarEnv):
 
     speed = property(fail, fail)
 
-    def twists(self, action):
+    def commands(self, action):
         self.fail()
-        return super().twists(action)
+        return super().commands(action)
 
     def begin(self, **arguments):
         self.fail()

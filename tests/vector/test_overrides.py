@@ -91,7 +91,7 @@ def test_methods_of_a_step_are_among_those_that_are_called():
     for name in NAMES:
         if "called" in run(subclass(name, **REACH), [action] * 2):
             called.add(name)
-    assert called >= {"step", "apply", "twists", "advance", "finish", "observe", "write_part", "outcome"}
+    assert called >= {"step", "apply", "commands", "observe", "write_part", "outcome"}
     assert called >= {"reward_terms", "judge", "info", "is_over"}
 
 

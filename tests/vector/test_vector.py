@@ -72,8 +72,8 @@ class Halved(ReachGoal):
 
 
 class Braked(LidarEnv):
-    def twists(self, action):
-        return [twist._replace(v=0.5 * twist.v) for twist in super().twists(action)]
+    def commands(self, action):
+        return super().commands(action) * (0.5, 1.0)
 
 
 WAREHOUSE = {"world": "tugbot_warehouse", "robot": "tugbot", "slam": "odometry", "time_limit": 3.0}
@@ -156,7 +156,7 @@ def test_sub_environments_equal_single_ones_bit_for_bit(case, mode):
 def test_objects_of_sub_environments_are_up_to_date_whenever_they_are_asked_for(
     task, settings, asks_always, monkeypatch
 ):
-    monkeypatch.setattr("lidarnaut.envs.vector.batch.MOST_POSITIONS", 5)
+    monkeypatch.setattr("lidarnaut.envs.period.MOST_POSITIONS", 5)
     settings = {**QUICK, "time_limit": 20.0, **settings}
     ours, theirs = LidarEnvs(1, task=task, **settings), LidarEnv(task, physics="kinematic", **settings)
     ours.reset(seed=3)
@@ -184,7 +184,7 @@ def test_objects_of_sub_environments_are_up_to_date_whenever_they_are_asked_for(
     ("kind", "arguments", "why"),
     [
         (partial(LidarEnv, Explore), {}, ""),
-        (partial(Braked, Explore), {}, "Braked overrides twists"),
+        (partial(Braked, Explore), {}, "Braked overrides commands"),
         (partial(LidarEnv, Explore), {"physics": "bullet"}, "BulletSimulator steps in Python"),
         (ExploreFrontiersEnv, {}, ""),
         (ExploreFrontiersEnv, {"slam": Nailed}, "Nailed processes every scan"),

@@ -40,7 +40,7 @@ def drive(env, seed=0):
     env.reset(seed=seed)
     readings, done = [env.unwrapped.reading], False
     while not done:
-        env.unwrapped.plan = np.array([[0.0, 0.0], [1.0, len(readings)]])
+        env.unwrapped.overlay.plan = np.array([[0.0, 0.0], [1.0, len(readings)]])
         *_, terminated, truncated, _ = env.step(np.array([0.8, 0.3], dtype=np.float32))
         readings.append(env.unwrapped.reading)
         done = terminated or truncated
@@ -244,7 +244,7 @@ def test_people_and_tracks_are_markers_that_are_shown_for_half_a_second(tmp_path
     with BagRecorder(env, tmp_path / "people.mcap"):
         env.reset(seed=0)
         for tracks in (np.array([[1.0, 0.5, 0.3, 0.4, 0.25]]), np.empty((0, 5))):
-            env.unwrapped.tracks = tracks
+            env.unwrapped.overlay.tracks = tracks
             env.step(np.zeros(2, dtype=np.float32))
         inner = env.unwrapped
         truth = inner.map_pose.inverse().transform(inner.simulator.people[:, :2])

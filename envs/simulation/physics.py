@@ -1,7 +1,6 @@
 """Base class of the physics engines."""
 
-import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,37 +12,29 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.worlds import World
 
 from .contact import Contact, check_starts, find_contacts
-from .crowd import Crowd, People
+from .crowd import Crowd
 from .crowd.step import with_bodies
+from .mover import Mover
 from .records import COMMAND_V, COMMAND_W, GYRO_BIAS
-from .rows import BLOCK, Reading, RobotState, Rows, Twist
+from .rows import Reading, RobotState, Twist
 from .sensors import SLIP_LEFT, sense
 from .spinning_lidar import SpinningLidar
 
 
-class Simulator(ABC):
+class Simulator(Mover):
     """Base class of physics engines that simulate identical robots in a world."""
-
-    ignored: tuple[str, ...] = ()
-    """Robot parameters that the physics engine ignores, as dotted attribute names of `RobotParams`."""
 
     def __init__(
         self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
     ) -> None:
-        self.rows = Rows(robot, control_period, num_robots)
-        self.rngs: Sequence[np.random.Generator] = ()
-        self.crowd = People(crowd)
-        self.robot = robot
-        self._radius, self._period = robot.radius, float(control_period)
+        super().__init__(robot, control_period, num_robots, crowd)
         self._world: World | None = None
         self.deskews = True
         """Whether scans of a lidar that spins are corrected for the robot's motion, by odometry."""
         self._spinning = SpinningLidar(robot.lidar, control_period)
 
     def set_robot(self, robot: RobotParams) -> None:
-        """Change the robot parameters from the next reset on, except footprint and lidar beams."""
-        self.robot = robot
-        self.rows.set_robot(robot, self._period)
+        super().set_robot(robot)
         self._spinning = SpinningLidar(robot.lidar, self._period)
 
     @property
@@ -56,11 +47,6 @@ class Simulator(ABC):
     def contacts(self) -> list[Contact]:
         """Contacts during the last control period, one per touched object."""
         return find_contacts(self.rows.numbers, self._reset_world(), self.crowd.rows)
-
-    @property
-    def people(self) -> np.ndarray:
-        """True states of people, shape (n, 5), float64: x, y [m], vx, vy [m/s], radius [m], world frame."""
-        return self.crowd.states
 
     def reset(
         self,
@@ -78,9 +64,9 @@ class Simulator(ABC):
             ValueError: robots or people do not fit or overlap, or a list has the wrong length.
         """
         self._check_number(poses=poses, rngs=rngs)
-        check_starts(poses, self._radius, world)
+        check_starts(poses, self.robot.radius, world)
         self._world, self.rngs, rows = world, rngs, self.rows
-        self.crowd.reset(world, poses, self._radius, crowd_rng)
+        self.crowd.reset(world, poses, self.robot.radius, crowd_rng)
         rows.reset()
         self._place(world, poses)
         rows.draw(rngs)
@@ -99,26 +85,21 @@ class Simulator(ABC):
             ValueError: a command is not finite, or the number of commands is wrong.
             gymnasium.error.ResetNeeded: `reset` was not called.
         """
-        self.move(commands, 1)
+        self._reset_world()
+        self._check_number(commands=commands)
+        for v, w in commands:
+            if not np.isfinite([v, w]).all():
+                raise ValueError(f"command must be finite, got v = {v} m/s, w = {w} rad/s")
+        self.rows.numbers[:, COMMAND_V : COMMAND_W + 1] = commands
+        self.rows.draw_ahead(self.rngs, 1)
+        self.move()
         return self._readings()
 
-    def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
-        """Move the robots by one control period. States and measurements are stored in `rows`.
-
-        `commands`: twists [m/s, rad/s]. `ahead`: number of control periods whose noise is sampled in advance.
-        """
+    def move(self) -> None:
         world, rows = self._reset_world(), self.rows
-        self._check_number(commands=commands)
-        for k, (v, w) in enumerate(commands):
-            if not (math.isfinite(v) and math.isfinite(w)):
-                raise ValueError(f"command must be finite, got v = {v} m/s, w = {w} rad/s")
-            rows.numbers[k, COMMAND_V], rows.numbers[k, COMMAND_W] = v, w
-        rows.draw_ahead(self.rngs, ahead)
+        rows.draw_ahead(self.rngs)
         self._move(world)
         self._spin(world)
-
-    def close(self) -> None:  # noqa: B027
-        """Release resources. Repeated calls have no effect."""
 
     @abstractmethod
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
@@ -137,9 +118,6 @@ class Simulator(ABC):
         if self.robot.lidar.scan_time:
             visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
             self._spinning.measure(self.rows, world.segments, visible, deskews=self.deskews)
-
-    def _readings(self) -> list[Reading]:
-        return [self.rows.reading(k) for k in range(len(self.rows.numbers))]
 
     def _reset_world(self) -> World:
         if self._world is None:

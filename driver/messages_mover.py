@@ -1,12 +1,13 @@
 """Measurements of a real robot in the place of a simulation."""
 
 from collections.abc import Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.simulation import Reading, Simulator, Twist
+from lidarnaut.envs.simulation import Mover, Reading
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.odometry import update_odometry
 from lidarnaut.envs.worlds import World
@@ -30,21 +31,21 @@ class Sample(NamedTuple):
     """Whether the body touched anything since the last sample."""
 
 
-class Measurements(Simulator):
-    """Sensor readings of a real robot, with the interface of a simulator: `move` takes over the last sample."""
+class MessagesMover(Mover):
+    """Mover of a real robot, which moves by itself: `move` takes over the last sample."""
 
+    ignores = MappingProxyType(dict.fromkeys(("world", "start", "people", "reward", "randomize"), "an environment"))
     sample: Sample
 
     def reset(
         self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator], crowd_rng: Any = None
     ) -> list[Reading]:
-        self._world, self.rngs = world, rngs
+        self.rngs = rngs
         self.rows.reset()
         self._take(0)
         return self._readings()
 
-    def move(self, commands: Sequence[Twist], ahead: int = 1) -> None:
-        self.rows.numbers[0, at.COMMAND_V : at.COMMAND_W + 1] = commands[0]
+    def move(self) -> None:
         self._take(self.rows.steps + 1)
 
     def _take(self, steps: int) -> None:
@@ -56,8 +57,3 @@ class Measurements(Simulator):
         row[at.STEPS], row[at.TIME] = steps, sample.time
         update_odometry(row, *sample.ticks)
         self.rows.ranges[0] = sample.ranges
-
-    def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
-        raise AssertionError("robots are not placed")
-
-    _move = sense = None  # type: ignore[assignment]

@@ -1,0 +1,448 @@
+"""The control period: from commands to rewards and ends, for one environment or many.
+
+All who simulate do so by `Period.run`: single environments, vector environments, frontier environments, and the driver
+of a real robot. They differ in who moves the robots (`envs.simulation.mover`), and stages follow in this order:
+
+1. `command`: store the commands, slowed down by the collision monitor.
+2. `move`: people, robots, contacts, measurements, odometry; then statistics, predicted poses, and which scans are due.
+3. `measure`: sensors of users.
+4. `locate`: poses and maps, from scans that are due or from odometry.
+5. `update_task`: task.
+6. `record`: recorders.
+
+`LidarEnv.outcome`, and by columns `Batch`, then compute rewards, ends and `info`.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numba.typed import List
+
+from lidarnaut.envs.columns import SCALARS, Arrays, Records
+from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
+from lidarnaut.envs.overrides import overridden, shadowed
+from lidarnaut.envs.robot import REMEMBER_TRUE, SCAN
+from lidarnaut.envs.sensor import measure_all
+from lidarnaut.envs.simulation import KinematicSimulator, Twist
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.rows import BLOCK
+from lidarnaut.envs.task import total
+from lidarnaut.envs.transition import drive, pose_errors, record_positions, step_rows, update_robots
+
+ACTION, COMMAND = slice(at.ACTION_V, at.ACTION_W + 1), slice(at.COMMAND_V, at.COMMAND_W + 1)
+TIME_TOLERANCE = 1e-6
+"""An episode ends if its time limit comes within this time [s]."""
+OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
+"""Keys of `info` that are common to all tasks."""
+MOST_POSITIONS = 256
+"""Maximum number of positions buffered per robot before they are appended to recorded paths."""
+
+
+class Period:
+    """Control periods of one environment."""
+
+    def __init__(self, env: Any, monitor: CollisionMonitor | None) -> None:
+        self.envs: Sequence[Any] = [env]
+        self.monitor = monitor
+        self._limits = np.array([env.robot.max_v, env.robot.max_w])
+        self._noted = np.empty((len(env.robots), BLOCK, 4)), np.zeros((len(env.robots), 2), dtype=np.int64)
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """State vectors of the robots, shape (n, ROW_SIZE), float64."""
+        numbers: np.ndarray = self.envs[0].simulator.rows.numbers
+        return numbers
+
+    def run(self, commands: np.ndarray, active: Any = None) -> None:
+        """Run a control period.
+
+        `commands`: twist of each robot, shape (n, 2), float64 [m/s, rad/s]. `active`: mask of the environments to
+        simulate, shape (num_envs,), bool; None for all.
+        """
+        self.command(commands)
+        self.advance(active)
+
+    def advance(self, active: Any = None) -> None:
+        """Run the stages after `command`; a robot on the ground has driven in between."""
+        self.move(active)
+        for i in self.due(active):
+            self.finish(i)
+
+    def finish(self, i: int) -> None:
+        """Run the stages of environment `i` that follow the motion."""
+        self.measure(i)
+        self.locate(i)
+        self.update_task(i)
+        self.record(i)
+
+    def act(self, actions: np.ndarray) -> np.ndarray:
+        """Store actions, fractions of the limits, shape (n, 2); return their twists, shape (n, 2) [m/s, rad/s]."""
+        numbers = self.numbers
+        numbers[:, ACTION] = actions
+        return numbers[:, ACTION] * self._limits
+
+    def follow(self, commands: np.ndarray) -> np.ndarray:
+        """Store the actions of twists, shape (n, 2), float64 [m/s, rad/s], and return the twists."""
+        self.numbers[:, ACTION] = commands / self._limits
+        return commands
+
+    def command(self, commands: np.ndarray) -> None:
+        rows = self.envs[0].simulator.rows
+        rows.numbers[:, COMMAND] = commands
+        if self.monitor is not None:
+            self.monitor.slow_down(rows.numbers[:, COMMAND], rows.ranges, np.ones(len(commands), np.bool_))
+
+    def move(self, active: Any) -> None:
+        simulator = self.envs[0].simulator
+        simulator.move()
+        update_robots(simulator.rows.numbers, simulator.crowd.rows)
+
+    def due(self, active: Any) -> Iterable[int]:
+        """Return the indices of environments whose Python objects are updated in this period."""
+        return (0,)
+
+    def measure(self, i: int) -> None:
+        env = self.envs[i]
+        for k, robot in enumerate(env.robots if env.sensors else ()):
+            robot.reading = robot.reading._replace(extra=measure_all(env.sensors, env.simulator, k))
+
+    def locate(self, i: int) -> None:
+        env = self.envs[i]
+        for robot, truth, flag in zip(env.robots, env.truths, env.simulator.rows.numbers[:, at.FLAGS].tolist()):
+            robot.locate(int(flag))
+            if int(flag) & REMEMBER_TRUE:
+                truth.remember()
+
+    def update_task(self, i: int) -> None:
+        env = self.envs[i]
+        env.task.update(env.simulator, env.robots, env.control_period)
+
+    def record(self, i: int) -> None:
+        if (on_period := self.envs[i].on_period) is not None:
+            on_period([Twist(*twist) for twist in self.envs[i].rows.numbers[:, COMMAND].tolist()])
+
+    def reward_terms(self, count: int = 1, contacts: int = 0) -> Mapping[str, float]:
+        """Return the reward terms of the last `count` control periods, by name.
+
+        Before the last period, only time and contact count. `contacts`: number of earlier periods with contact.
+        """
+        env, (quantities, period) = self.envs[0], (self.envs[0].task.quantities(), self.envs[0].control_period)
+        if count > 1:
+            earlier = at_rest(quantities, period * (count - 1), period * contacts)
+            quantities = {name: value + earlier[name] for name, value in quantities.items()}
+        terms: Mapping[str, float] = env.reward_terms(quantities)
+        return terms
+
+    def drive(self, navigator: Any, check_from: float) -> tuple[int, int, int]:
+        """Run periods of one robot that follows its navigator, in one kernel call.
+
+        `navigator`: `Navigator`. `check_from`: first control period of the drive with a check in Python.
+
+        Returns:
+            As `drive`.
+        """
+        (env,) = self.envs
+        simulator, robot, truth, rows, world = env.simulator, env.robots[0], env.truths[0], env.rows, env.world
+        left = math.ceil(min((env.time_limit - TIME_TOLERANCE) / env.control_period, 1e12)) - rows.steps  # may be inf
+        rows.draw_ahead(simulator.rngs)
+        world_arrays = world.segments, world.circles, world.magnets, simulator.crowd.arrays
+        arrays = rows.numbers, rows.draws, rows.ranges, world_arrays, navigator.arrays, self._noted
+        result: tuple[int, int, int] = drive(*arrays, max(left, 1), min(check_from, 1 << 40))
+        self.follow(rows.numbers[:, COMMAND])
+        navigator.velocity = robot.twist
+        for x, y in extend_trails((robot,), (truth,), *self._noted)[0]:
+            robot.pyramid.mark(x, y)
+        self.finish(0)
+        return result
+
+
+def why_not_fused(env: Any) -> str:
+    """Return why one kernel call cannot step many copies of an environment; empty if it can."""
+    owned = env, env.period, env.simulator, *env.robots
+    used = env.task, env.task.rewards, *env.parts.values()
+    for one, own in [*zip(owned, map(overridden, owned)), *zip(used, map(shadowed, used))]:
+        if own:
+            return f"{type(one).__name__} overrides {own[0]}"
+    if env.fixed_info:
+        return "fixed_info adds entries of the last step to every info"
+    if env.robot_params.lidar.scan_time:
+        return "scans of a lidar that spins are deskewed in Python"
+    physics = type(env.simulator)
+    return "" if physics is KinematicSimulator else f"{physics.__name__} steps in Python"
+
+
+def at_rest(names: Iterable[str], time: Any, contact: Any) -> dict[str, Any]:
+    """Return the quantities of control periods without a due scan: duration, and duration in contact [s]."""
+    passed = {"time": time, "collision": contact}
+    return {name: passed[name] if name in passed else 0.0 * time for name in names}
+
+
+def extend_trails(
+    robots: Sequence[Any], truths: Sequence[Any], positions: np.ndarray, counts: np.ndarray
+) -> list[list[list[float]]]:
+    """Append positions of `record_positions` to the paths of robots; return the estimated positions by robot."""
+    estimated = []
+    for robot, truth, points, count in zip(robots, truths, positions, counts, strict=True):
+        own = points[: count[0], :2]
+        robot.trail.extend(own)
+        truth.trail.extend(points[: count[1], 2:])
+        estimated.append(own.tolist())
+        count[:] = 0
+    return estimated
+
+
+def shared_info(numbers: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the entries of `info` that all tasks have, as columns over robots."""
+    columns = {"time": numbers[:, at.TIME], "pose_error": pose_errors(numbers)}
+    return columns | {"path_length": numbers[:, at.PATH_LENGTH], "collisions": numbers[:, at.COLLISIONS]}
+
+
+class Batch(Period):
+    """Control periods of many environments, whose robots are stepped together by Numba functions."""
+
+    def __init__(self, envs: Sequence[Any], arrays: Arrays) -> None:
+        super().__init__(envs[0], envs[0].period.monitor)
+        self.envs, self._arrays = envs, arrays
+        self.robots = [robot for each in envs for robot in each.robots]
+        rows = [each.rows for each in envs]
+        self._numbers, self.ranges, self._draws = (
+            np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
+        )
+        self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
+        self.active = np.ones(len(self.robots), dtype=np.bool_)
+        """Mask of robots whose sub-environments take part in the current step, shape (n,), bool."""
+        self._is_new = np.ones(len(self.robots), dtype=np.bool_)
+        self._has_scanned, self._is_behind, self._rests = (np.zeros(len(envs), dtype=np.bool_) for _ in range(3))
+        self._is_over, self._time_limits = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs))
+        self._part_writes_rows = {
+            name: _has_own(part, "write_rows", "write", of="lidarnaut.") for name, part in envs[0].parts.items()
+        }
+        self._are_alike = np.zeros((len(envs), 3), dtype=np.bool_)
+        """Whether the rewards have the weights of the first sub-environment, the task has `update_rows`, and the
+        estimators are dead reckoning without a map. A batch has these properties if all sub-environments do."""
+        counts = np.zeros((len(self.robots), 2), dtype=np.int64)  # of buffered estimated and true positions
+        self._noted = np.empty((len(self.robots), MOST_POSITIONS, 4)), counts
+        self._names: Iterable[str] = ()  # names of reward quantities
+        self._levels: dict[float, Any] = {}
+        self.updates_rows = False
+        self.surroundings: Any = None
+        """Numba list of the wall segments, circular obstacles, magnets and people of each sub-environment."""
+
+    @property
+    def numbers(self) -> np.ndarray:
+        return self._numbers
+
+    @property
+    def _num_robots(self) -> int:
+        return len(self.envs[0].robots)
+
+    @property
+    def _times(self) -> np.ndarray:
+        return self.numbers[:: self._num_robots, at.TIME]
+
+    def bind(self, indices: Sequence[int]) -> None:
+        """Connect sub-environments to the shared arrays after a reset: robot states, worlds, task data, time limits."""
+        envs, num_robots = self.envs, self._num_robots
+        if self.surroundings is None:
+            self.surroundings = repeat(_surroundings(envs[0]), len(envs))
+            self.task_arrays = [repeat(each, len(envs)) for each in envs[0].task.arrays]
+        for i in indices:
+            env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
+            memory = {name: kept[robots] for name, kept in self.memory.items()}
+            env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots], memory)
+            put(self.surroundings, i, _surroundings(env))
+            for arrays, array in zip(self.task_arrays, env.task.arrays, strict=True):
+                put(arrays, i, array)
+            self._is_new[robots] = True
+            self._noted[1][robots] = 0
+            rewards, weights = env.task.rewards, envs[0].task.rewards.weights
+            is_unobserved = not env.sensors and env.on_period is None
+            self._are_alike[i] = (
+                not (rewards.reads_shared or overridden(rewards)) and rewards.weights == weights,
+                is_unobserved and _has_own(env.task, "update_rows", "update", "quantities", "metrics", "end_reason"),
+                all(type(robot.estimator) is DeadReckoning for robot in env.robots) and not env.robots[0].has_known_map,
+            )
+            self._time_limits[i] = env.time_limit
+            follows = all(robot.estimator.follows_odometry and robot.tracker is None for robot in env.robots)
+            self._rests[i] = follows and is_unobserved and (env.task.rests_between_scans or self._are_alike[i, 1])
+        self._has_columns, self.updates_rows, self._has_no_maps = np.all(self._are_alike, axis=0).tolist()
+
+    def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
+        """Step the active sub-environments by one control period, and return a mask of ended episodes.
+
+        `is_last`: mask of sub-environments to truncate. Masks have shape (num_envs,), bool. Rewards and `info` of ended
+        episodes are left to the caller.
+        """
+        self._is_last = is_last
+        self.run(self.act(np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)), active)
+        self._observe(np.flatnonzero(active).tolist())
+        if not self.updates_rows:
+            for i in self._busy:
+                self._is_over[i] |= self.envs[i].task.end_reason is not None
+        going = active & ~self._is_over
+        if going.any():
+            self._write_outcomes(going, [i for i in self._busy if going[i]], records)
+        return self._is_over
+
+    def command(self, commands: np.ndarray) -> None:
+        self.numbers[:, COMMAND] = commands
+        if self.monitor is not None:
+            self.monitor.slow_down(self.numbers[:, COMMAND], self.ranges, self.active)
+
+    def move(self, active: np.ndarray) -> None:
+        numbers, envs = self.numbers, self.envs
+        self.active[:] = np.repeat(active, self._num_robots)
+        for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
+            envs[i].rows.draw_ahead(envs[i].simulator.rngs)
+        step_rows(numbers, self._draws, self.ranges, active, self._num_robots, self.surroundings)
+        if self._has_no_maps and record_positions(numbers, self.active, *self._noted):
+            self._extend_trails(range(len(active)))
+
+    def due(self, active: np.ndarray) -> Iterable[int]:
+        """Locate robots of resting environments; return the indices of the others."""
+        flags = self.numbers[:, at.FLAGS].reshape(len(active), -1)
+        self._has_scanned = (flags % 2.0 == SCAN).any(axis=1)
+        self._is_over, self._columns = (
+            active & (self._is_last | (self._times >= self._time_limits - TIME_TOLERANCE)),
+            (),
+        )
+        if self.updates_rows:
+            *self._columns, has_ended = self.envs[0].task.update_rows(self)
+            self._is_over |= active & has_ended
+        busy = active & (~self._rests | self._has_scanned | self._is_new[:: self._num_robots] | self._is_over)
+        idle = active & ~busy
+        has_own_parts = not all(self._part_writes_rows.values())
+        for i in np.flatnonzero(idle if has_own_parts else idle & flags.any(axis=1)).tolist():
+            self.locate(i)
+        self._is_behind = (self._is_behind | idle) & ~busy
+        self._busy = np.flatnonzero(busy).tolist()
+        if self._has_no_maps:
+            self._extend_trails(self._busy)
+        return self._busy
+
+    def update_task(self, i: int) -> None:
+        if not self.updates_rows:  # by `due`, for all environments at once
+            super().update_task(i)
+
+    def catch_up(self) -> None:
+        """Update the Python objects of sub-environments after steps that changed only the state arrays."""
+        behind = np.flatnonzero(self._is_behind).tolist()
+        if self._has_no_maps:
+            self._extend_trails(behind)
+        for i in behind:
+            self.finish(i)
+        self._is_behind[:] = False
+
+    def _extend_trails(self, indices: Iterable[int]) -> None:
+        positions, counts = self._noted
+        for i in indices:
+            env, own = self.envs[i], slice(i * self._num_robots, (i + 1) * self._num_robots)
+            extend_trails(env.robots, env.truths, positions[own], counts[own])
+
+    def _observe(self, indices: Sequence[int]) -> None:
+        for name, part in self.envs[0].parts.items():
+            out = self._arrays.observations[name]
+            if self._part_writes_rows[name]:
+                part.write_rows(self, out.reshape(len(self.robots), *out.shape[1 + self.envs[0].task.is_team :]))
+            else:
+                for i in indices:
+                    self.envs[i].write_part(name, out[i])
+        self._is_new[:] = False
+
+    def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
+        """Return the maps of all robots, reduced to cells of about `resolution` [m], for cropping map images.
+
+        Returns:
+            Bit-packed maps (Numba list); map heights and widths [cells], shape (n, 2), int64; map origins (x, y), shape
+            (n, 2), float64 [m]; cell size [m].
+        """
+        side = 0.0
+        if resolution not in self._levels:
+            pyramids = [robot.pyramid.level(resolution) for robot in self.robots]
+            side = pyramids[0].block * self.robots[0].belief.grid.resolution
+            count = len(pyramids)
+            known: list[Any] = [None] * count
+            words = repeat(pyramids[0].words, count)
+            self._levels[resolution] = words, np.zeros((count, 2), np.int64), np.zeros((count, 2)), side, known
+            self._is_new[:] = True
+        words, sizes, origins, side, known = self._levels[resolution]
+        for k in np.flatnonzero(self._is_new | np.repeat(self._has_scanned, self._num_robots)).tolist():
+            robot = self.robots[k]
+            level = robot.pyramid.level(resolution)
+            if level.words is not known[k]:
+                known[k] = level.words
+                put(words, k, level.words)
+                sizes[k], origins[k] = (level.height, level.width), robot.belief.grid.origin
+        return words, sizes, origins, side
+
+    def _write_outcomes(self, going: np.ndarray, chosen: list[int], records: Records) -> None:
+        """Write rewards and `info` of the environments that go on. `chosen`: those that are not at rest."""
+        tasks, numbers, where = [env.task for env in self.envs], self.numbers, slice(None) if going.all() else going
+        rows = {} if self._columns else {i: tasks[i].quantities() for i in chosen}
+        self._names = next(iter(rows.values()), self._names)
+        touching = (numbers[:, at.TOUCHED] > 0.0).reshape(len(tasks), -1).sum(axis=1)
+        period = np.full(len(tasks), self.envs[0].control_period)
+        metrics: dict[str, np.ndarray] = {}
+        quantities, metrics = self._columns or (at_rest(self._names, period, period * touching), metrics)
+        weights = tasks[0].rewards.weights if self._has_columns else ()
+        if weights and {type(row[name]) for row in rows.values() for name in weights} <= {float, np.float64}:
+            for name in weights if rows else ():
+                quantities[name][chosen] = [row[name] for row in rows.values()]
+            terms = tasks[0].rewards.terms(quantities)
+            self._arrays.rewards[where] = total(terms)[where]
+            for name, term in terms.items():
+                records.rows["rewards"][name][where] = term[where]
+        else:
+            for i in np.flatnonzero(going).tolist():
+                row = rows.get(i) or {name: float(column[i]) for name, column in quantities.items()}
+                terms = self.envs[i].reward_terms(row)
+                self._arrays.rewards[i] = tasks[i].rewards.checked_total(terms)
+                records.note(i, {"rewards": terms}, ("rewards",))
+        for name, column in (shared_info(numbers) | {"time": self._times} | metrics).items():
+            records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
+        if not self.updates_rows:
+            self._note_metrics(chosen, records)
+
+    def _note_metrics(self, chosen: list[int], records: Records) -> None:
+        rows = [self.envs[i].task.metrics() for i in chosen]
+        own_info = OWN_INFO | ({"randomized"} if self.envs[0].randomization else set())
+        for name in dict.fromkeys(itertools.chain(records.kinds, *rows)) if rows else ():
+            if name in own_info:
+                continue
+            values, kind = [row.get(name) for row in rows], records.kinds.get(name)
+            if kind in (SCALARS[float], SCALARS[bool]) and {SCALARS.get(one) for one in {*map(type, values)}} == {kind}:
+                records.rows[name][chosen] = values
+            else:
+                for i, row in zip(chosen, rows, strict=True):
+                    records.note(i, row, (name,))
+
+
+@njit(cache=True)
+def repeat(item, count):
+    """Return a Numba list that contains `item` `count` times."""
+    items = List()
+    for _ in range(count):
+        items.append(item)
+    return items
+
+
+@njit(cache=True)
+def put(items, i, item):
+    """Set element `i` of a Numba list. Cached by Numba, unlike list methods."""
+    items[i] = item
+
+
+def _surroundings(env: Any) -> tuple[Any, ...]:
+    world = env.world
+    return *(np.array(rows) for rows in (world.segments, world.circles, world.magnets)), env.simulator.crowd.arrays
+
+
+def _has_own(thing: Any, by_rows: str, *one_by_one: str, of: str = "") -> bool:
+    names = {by_rows, *one_by_one}
+    kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
+    return by_rows in vars(kind) and kind.__module__.startswith(of)
