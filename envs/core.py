@@ -21,11 +21,12 @@ from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.measures import PEOPLE
 from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
-from lidarnaut.envs.observations import Observations, Tracks, make_parts
+from lidarnaut.envs.observations import Observations, Tracks, make_parts, write_entries
 from lidarnaut.envs.overrides import overridden, shadowed
 from lidarnaut.envs.randomization import Randomization, Ranges
 from lidarnaut.envs.rendering.scene import Scene, scene_of
 from lidarnaut.envs.robot import MAX_PERSON_GAP, REMEMBER_TRUE, GroundTruth, Robot, reset_robots
+from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.sensor import Measured, make_sensors
 from lidarnaut.envs.simulation import KinematicSimulator, Reading, Simulator, Twist, make_simulator
@@ -225,6 +226,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         rows = self.simulator.rows
         rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = task.map_pose
         self.truths = [GroundTruth(rows, k) for k in range(num_robots)]
+        self.robot_rows = RobotRows(self.robots, rows.numbers, rows.ranges, rows.memory, self.truths)
         if self.sensors:
             for sensor, rng in zip(self.sensors, sensor_rngs, strict=True):
                 sensor.reset(self.world, rng)
@@ -391,13 +393,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return dict(out)
 
     def write_part(self, name: str, out: np.ndarray) -> None:
-        part: Any = self.parts[name]
-        shows_truth = self.uses_ground_truth and getattr(part, "uses_ground_truth", False)
-        if not (shows_truth or self._is_team):
-            part.write(self.robots[0], out)
-            return
-        for robot, truth, row in zip(self.robots, self.truths, out if self._is_team else (out,), strict=True):
-            part.write(robot, row, *(truth,) * shows_truth)
+        write_entries(self.parts[name], self.robot_rows, out if self._is_team else out[None])
 
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
         info: dict[str, Any] = self._blank | self.task.metrics()

@@ -5,12 +5,12 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
-from numba.typed import List
 
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.observations import writes_rows
 from lidarnaut.envs.overrides import overridden
 from lidarnaut.envs.robot import SCAN
+from lidarnaut.envs.robot_rows import RobotRows, put, repeat
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.task import total
@@ -22,21 +22,6 @@ OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
 """Keys of `info` that are common to all tasks."""
 MOST_POSITIONS = 256
 """Maximum number of positions buffered per robot before they are appended to recorded paths."""
-
-
-@njit(cache=True)
-def repeat(item, count):
-    """Return a Numba list that contains `item` `count` times."""
-    items = List()
-    for _ in range(count):
-        items.append(item)
-    return items
-
-
-@njit(cache=True)
-def put(items, i, item):
-    """Set element `i` of a Numba list. Cached by Numba, unlike list methods."""
-    items[i] = item
 
 
 class Batch:
@@ -51,22 +36,20 @@ class Batch:
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
         self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
-        self.active = np.ones(len(self.robots), dtype=np.bool_)
+        self._rows = RobotRows(self.robots, self.numbers, self.ranges, self.memory)
+        self.active = self._rows.active
         """Mask of robots whose sub-environments take part in the current step, shape (n,), bool."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
         self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
         self._time_limits = np.zeros(len(envs))
-        self._part_writes_rows = {
-            name: _has_own(part, "write_rows", "write", of="lidarnaut.") for name, part in env.parts.items()
-        }
+        self._part_writes_rows = {name: writes_rows(part) for name, part in env.parts.items()}
         self._are_alike = np.zeros((len(envs), 3), dtype=np.bool_)
         """Whether the rewards have the weights of the first sub-environment, the task has `update_rows`, and the
         estimators are dead reckoning without a map. A batch has these properties if all sub-environments do."""
         self._positions = np.empty((len(self.robots), MOST_POSITIONS, 4))
         self._counts = np.zeros((len(self.robots), 2), dtype=np.int64)  # of buffered estimated and true positions
         self._names: Iterable[str] = ()  # names of reward quantities
-        self._levels: dict[float, Any] = {}
         self.surroundings: Any = None
         """Numba list of the wall segments, circular obstacles, magnets and people of each sub-environment."""
 
@@ -75,11 +58,12 @@ class Batch:
         envs, num_robots = self._envs, self._num_robots
         if self.surroundings is None:
             self.surroundings = repeat(_surroundings(envs[0]), len(envs))
-            self.task_arrays = [repeat(each, len(envs)) for each in envs[0].task.arrays]
+            self._rows.task_arrays = self.task_arrays = [repeat(each, len(envs)) for each in envs[0].task.arrays]
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
             memory = {name: kept[robots] for name, kept in self.memory.items()}
             env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots], memory)
+            env.robot_rows = RobotRows(env.robots, env.rows.numbers, env.rows.ranges, env.rows.memory, env.truths)
             put(self.surroundings, i, _surroundings(env))
             for arrays, array in zip(self.task_arrays, env.task.arrays, strict=True):
                 put(arrays, i, array)
@@ -176,37 +160,11 @@ class Batch:
         for name, part in self._envs[0].parts.items():
             out = self._arrays.observations[name]
             if self._part_writes_rows[name]:
-                part.write_rows(self, out.reshape(len(self.robots), *out.shape[1 + self._envs[0].task.is_team :]))
+                part.write(self._rows, out.reshape(len(self.robots), *out.shape[1 + self._envs[0].task.is_team :]))
             else:
                 for i in indices:
                     self._envs[i].write_part(name, out[i])
         self._is_new[:] = False
-
-    def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
-        """Return the maps of all robots, reduced to cells of about `resolution` [m], for cropping map images.
-
-        Returns:
-            Bit-packed maps (Numba list); map heights and widths [cells], shape (n, 2), int64; map origins (x, y), shape
-            (n, 2), float64 [m]; cell size [m].
-        """
-        side = 0.0
-        if resolution not in self._levels:
-            pyramids = [robot.pyramid.level(resolution) for robot in self.robots]
-            side = pyramids[0].block * self.robots[0].belief.grid.resolution
-            count = len(pyramids)
-            known: list[Any] = [None] * count
-            words = repeat(pyramids[0].words, count)
-            self._levels[resolution] = words, np.zeros((count, 2), np.int64), np.zeros((count, 2)), side, known
-            self._is_new[:] = True
-        words, sizes, origins, side, known = self._levels[resolution]
-        for k in np.flatnonzero(self._is_new | np.repeat(self._has_scanned, self._num_robots)).tolist():
-            robot = self.robots[k]
-            level = robot.pyramid.level(resolution)
-            if level.words is not known[k]:
-                known[k] = level.words
-                put(words, k, level.words)
-                sizes[k], origins[k] = (level.height, level.width), robot.belief.grid.origin
-        return words, sizes, origins, side
 
     def _judge(self, going: np.ndarray, chosen: list[int], columns: Any, records: Records) -> None:
         tasks, numbers, where = [env.task for env in self._envs], self.numbers, slice(None) if going.all() else going
@@ -257,7 +215,6 @@ def _surroundings(env: Any) -> tuple[Any, ...]:
     return *(np.array(rows) for rows in (world.segments, world.circles, world.magnets)), env.simulator.crowd.arrays
 
 
-def _has_own(thing: Any, by_rows: str, *one_by_one: str, of: str = "") -> bool:
+def _has_own(thing: Any, by_rows: str, *one_by_one: str) -> bool:
     names = {by_rows, *one_by_one}
-    kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
-    return by_rows in vars(kind) and kind.__module__.startswith(of)
+    return by_rows in vars(next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object))
