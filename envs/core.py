@@ -19,7 +19,7 @@ from lidarnaut.envs.files import explain_unknown, resolve
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import PEOPLE
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
-from lidarnaut.envs.observations import Observations, Tracks, make_parts
+from lidarnaut.envs.observations import Observations, Tracks, make_parts, write_entries
 from lidarnaut.envs.period import TIME_TOLERANCE, Period, shared_info, why_not_fused
 from lidarnaut.envs.randomization import Randomization, Ranges
 from lidarnaut.envs.rendering.overlay import Overlay
@@ -188,6 +188,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         rows = self.simulator.rows
         rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = task.map_pose
         self.truths = [GroundTruth(rows, k) for k in range(num_robots)]
+        self.period.begin()
         for sensor, rng in zip(self.sensors, sensor_rngs, strict=True):
             sensor.reset(self.world, rng)
         if self.sensors:
@@ -304,13 +305,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return dict(out)
 
     def write_part(self, name: str, out: np.ndarray) -> None:
-        part: Any = self.parts[name]
-        shows_truth = self.uses_ground_truth and getattr(part, "uses_ground_truth", False)
-        if not (shows_truth or self.task.is_team):
-            part.write(self.robots[0], out)
-            return
-        for robot, truth, row in zip(self.robots, self.truths, out if self.task.is_team else (out,), strict=True):
-            part.write(robot, row, *(truth,) * shows_truth)
+        write_entries(self.parts[name], self.period.rows, out if self.task.is_team else out[None])
 
     def info(self, rewards: Mapping[str, float]) -> dict[str, Any]:
         """Return `info` of the last control period, with its reward terms."""

@@ -19,14 +19,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
-from numba.typed import List
 
 from lidarnaut.envs.columns import SCALARS, Arrays, Records
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
+from lidarnaut.envs.observations import writes_rows
 from lidarnaut.envs.overrides import overridden, shadowed
 from lidarnaut.envs.robot import REMEMBER_TRUE, SCAN
+from lidarnaut.envs.robot_rows import RobotRows, put, repeat
 from lidarnaut.envs.sensor import measure_all
 from lidarnaut.envs.simulation import KinematicSimulator, Twist
 from lidarnaut.envs.simulation import records as at
@@ -52,11 +52,16 @@ class Period:
         self._limits = np.array([env.robot.max_v, env.robot.max_w])
         self._noted = np.empty((len(env.robots), BLOCK, 4)), np.zeros((len(env.robots), 2), dtype=np.int64)
 
+    def begin(self) -> None:
+        """Refer to the arrays of an episode, or to other arrays after `Rows.share`."""
+        (env,) = self.envs
+        rows = env.simulator.rows
+        self.rows = RobotRows(env.robots, rows.numbers, rows.ranges, rows.memory, env.truths)
+
     @property
     def numbers(self) -> np.ndarray:
         """State vectors of the robots, shape (n, ROW_SIZE), float64."""
-        numbers: np.ndarray = self.envs[0].simulator.rows.numbers
-        return numbers
+        return self.rows.numbers
 
     def run(self, commands: np.ndarray, active: Any = None) -> None:
         """Run a control period.
@@ -92,15 +97,15 @@ class Period:
         return commands
 
     def command(self, commands: np.ndarray) -> None:
-        rows = self.envs[0].simulator.rows
+        rows = self.rows
         rows.numbers[:, COMMAND] = commands
         if self.monitor is not None:
-            self.monitor.slow_down(rows.numbers[:, COMMAND], rows.ranges, np.ones(len(commands), np.bool_))
+            self.monitor.slow_down(rows.numbers[:, COMMAND], rows.ranges, rows.active)
 
     def move(self, active: Any) -> None:
         simulator = self.envs[0].simulator
         simulator.move()
-        update_robots(simulator.rows.numbers, simulator.crowd.rows)
+        update_robots(self.rows.numbers, simulator.crowd.rows)
 
     def due(self, active: Any) -> Iterable[int]:
         """Return the indices of environments whose Python objects are updated in this period."""
@@ -113,7 +118,8 @@ class Period:
 
     def locate(self, i: int) -> None:
         env = self.envs[i]
-        for robot, truth, flag in zip(env.robots, env.truths, env.simulator.rows.numbers[:, at.FLAGS].tolist()):
+        flags = env.simulator.rows.numbers[:, at.FLAGS].tolist()
+        for robot, truth, flag in zip(env.robots, env.truths, flags, strict=True):
             robot.locate(int(flag))
             if int(flag) & REMEMBER_TRUE:
                 truth.remember()
@@ -208,34 +214,23 @@ class Batch(Period):
     def __init__(self, envs: Sequence[Any], arrays: Arrays) -> None:
         super().__init__(envs[0], envs[0].period.monitor)
         self.envs, self._arrays = envs, arrays
-        self.robots = [robot for each in envs for robot in each.robots]
-        rows = [each.rows for each in envs]
-        self._numbers, self.ranges, self._draws = (
+        robots, rows = [robot for each in envs for robot in each.robots], [each.rows for each in envs]
+        numbers, ranges, self._draws = (
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
-        self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
-        self.active = np.ones(len(self.robots), dtype=np.bool_)
-        """Mask of robots whose sub-environments take part in the current step, shape (n,), bool."""
-        self._is_new = np.ones(len(self.robots), dtype=np.bool_)
+        memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
+        self.rows = RobotRows(robots, numbers, ranges, memory)
+        self._is_new = np.ones(len(robots), dtype=np.bool_)
         self._has_scanned, self._is_behind, self._rests = (np.zeros(len(envs), dtype=np.bool_) for _ in range(3))
         self._is_over, self._time_limits = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs))
-        self._part_writes_rows = {
-            name: _has_own(part, "write_rows", "write", of="lidarnaut.") for name, part in envs[0].parts.items()
-        }
+        self._part_writes_rows = {name: writes_rows(part) for name, part in envs[0].parts.items()}
         self._are_alike = np.zeros((len(envs), 3), dtype=np.bool_)
         """Whether the rewards have the weights of the first sub-environment, the task has `update_rows`, and the
         estimators are dead reckoning without a map. A batch has these properties if all sub-environments do."""
-        counts = np.zeros((len(self.robots), 2), dtype=np.int64)  # of buffered estimated and true positions
-        self._noted = np.empty((len(self.robots), MOST_POSITIONS, 4)), counts
+        counts = np.zeros((len(robots), 2), dtype=np.int64)  # of buffered estimated and true positions
+        self._noted = np.empty((len(robots), MOST_POSITIONS, 4)), counts
         self._names: Iterable[str] = ()  # names of reward quantities
-        self._levels: dict[float, Any] = {}
         self.updates_rows = False
-        self.surroundings: Any = None
-        """Numba list of the wall segments, circular obstacles, magnets and people of each sub-environment."""
-
-    @property
-    def numbers(self) -> np.ndarray:
-        return self._numbers
 
     @property
     def _num_robots(self) -> int:
@@ -248,15 +243,17 @@ class Batch(Period):
     def bind(self, indices: Sequence[int]) -> None:
         """Connect sub-environments to the shared arrays after a reset: robot states, worlds, task data, time limits."""
         envs, num_robots = self.envs, self._num_robots
-        if self.surroundings is None:
-            self.surroundings = repeat(_surroundings(envs[0]), len(envs))
-            self.task_arrays = [repeat(each, len(envs)) for each in envs[0].task.arrays]
+        rows = self.rows
+        if rows.surroundings is None:
+            rows.surroundings = repeat(_surroundings(envs[0]), len(envs))
+            rows.task_arrays = [repeat(each, len(envs)) for each in envs[0].task.arrays]
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
-            memory = {name: kept[robots] for name, kept in self.memory.items()}
-            env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots], memory)
-            put(self.surroundings, i, _surroundings(env))
-            for arrays, array in zip(self.task_arrays, env.task.arrays, strict=True):
+            memory = {name: kept[robots] for name, kept in rows.memory.items()}
+            env.rows.share(self.numbers[robots], rows.ranges[robots], self._draws[robots], memory)
+            env.period.begin()
+            put(rows.surroundings, i, _surroundings(env))
+            for arrays, array in zip(rows.task_arrays, env.task.arrays, strict=True):
                 put(arrays, i, array)
             self._is_new[robots] = True
             self._noted[1][robots] = 0
@@ -289,31 +286,30 @@ class Batch(Period):
             self._write_outcomes(going, [i for i in self._busy if going[i]], records)
         return self._is_over
 
-    def command(self, commands: np.ndarray) -> None:
-        self.numbers[:, COMMAND] = commands
-        if self.monitor is not None:
-            self.monitor.slow_down(self.numbers[:, COMMAND], self.ranges, self.active)
-
     def move(self, active: np.ndarray) -> None:
-        numbers, envs = self.numbers, self.envs
-        self.active[:] = np.repeat(active, self._num_robots)
+        rows, numbers, envs = self.rows, self.numbers, self.envs
+        rows.active[:] = np.repeat(active, self._num_robots)
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
             envs[i].rows.draw_ahead(envs[i].simulator.rngs)
-        step_rows(numbers, self._draws, self.ranges, active, self._num_robots, self.surroundings)
-        if self._has_no_maps and record_positions(numbers, self.active, *self._noted):
+        step_rows(numbers, self._draws, rows.ranges, active, self._num_robots, rows.surroundings)
+        if self._has_no_maps and record_positions(numbers, rows.active, *self._noted):
             self._extend_trails(range(len(active)))
+
+    def advance(self, active: np.ndarray) -> None:
+        super().advance(active)
+        self._columns: Any = ()
+        if self.updates_rows:
+            *self._columns, has_ended = self.envs[0].task.update_rows(self.rows)
+            late = np.flatnonzero(active & has_ended & ~self._is_over).tolist()
+            self._is_over[late], self._is_behind[late] = True, False
+            self._finish(late)
 
     def due(self, active: np.ndarray) -> Iterable[int]:
         """Locate robots of resting environments; return the indices of the others."""
         flags = self.numbers[:, at.FLAGS].reshape(len(active), -1)
         self._has_scanned = (flags % 2.0 == SCAN).any(axis=1)
-        self._is_over, self._columns = (
-            active & (self._is_last | (self._times >= self._time_limits - TIME_TOLERANCE)),
-            (),
-        )
-        if self.updates_rows:
-            *self._columns, has_ended = self.envs[0].task.update_rows(self)
-            self._is_over |= active & has_ended
+        has_no_time = self._times >= self._time_limits - TIME_TOLERANCE
+        self._is_over = active & (self._is_last | has_no_time)
         busy = active & (~self._rests | self._has_scanned | self._is_new[:: self._num_robots] | self._is_over)
         idle = active & ~busy
         has_own_parts = not all(self._part_writes_rows.values())
@@ -326,17 +322,19 @@ class Batch(Period):
         return self._busy
 
     def update_task(self, i: int) -> None:
-        if not self.updates_rows:  # by `due`, for all environments at once
+        if not self.updates_rows:  # by `advance`, for all environments at once
             super().update_task(i)
 
     def catch_up(self) -> None:
         """Update the Python objects of sub-environments after steps that changed only the state arrays."""
-        behind = np.flatnonzero(self._is_behind).tolist()
-        if self._has_no_maps:
-            self._extend_trails(behind)
-        for i in behind:
-            self.finish(i)
+        self._finish(np.flatnonzero(self._is_behind).tolist())
         self._is_behind[:] = False
+
+    def _finish(self, indices: Sequence[int]) -> None:
+        if self._has_no_maps:
+            self._extend_trails(indices)
+        for i in indices:
+            self.finish(i)
 
     def _extend_trails(self, indices: Iterable[int]) -> None:
         positions, counts = self._noted
@@ -348,37 +346,11 @@ class Batch(Period):
         for name, part in self.envs[0].parts.items():
             out = self._arrays.observations[name]
             if self._part_writes_rows[name]:
-                part.write_rows(self, out.reshape(len(self.robots), *out.shape[1 + self.envs[0].task.is_team :]))
+                part.write(self.rows, out.reshape(len(self.rows.robots), *out.shape[1 + self.envs[0].task.is_team :]))
             else:
                 for i in indices:
                     self.envs[i].write_part(name, out[i])
         self._is_new[:] = False
-
-    def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
-        """Return the maps of all robots, reduced to cells of about `resolution` [m], for cropping map images.
-
-        Returns:
-            Bit-packed maps (Numba list); map heights and widths [cells], shape (n, 2), int64; map origins (x, y), shape
-            (n, 2), float64 [m]; cell size [m].
-        """
-        side = 0.0
-        if resolution not in self._levels:
-            pyramids = [robot.pyramid.level(resolution) for robot in self.robots]
-            side = pyramids[0].block * self.robots[0].belief.grid.resolution
-            count = len(pyramids)
-            known: list[Any] = [None] * count
-            words = repeat(pyramids[0].words, count)
-            self._levels[resolution] = words, np.zeros((count, 2), np.int64), np.zeros((count, 2)), side, known
-            self._is_new[:] = True
-        words, sizes, origins, side, known = self._levels[resolution]
-        for k in np.flatnonzero(self._is_new | np.repeat(self._has_scanned, self._num_robots)).tolist():
-            robot = self.robots[k]
-            level = robot.pyramid.level(resolution)
-            if level.words is not known[k]:
-                known[k] = level.words
-                put(words, k, level.words)
-                sizes[k], origins[k] = (level.height, level.width), robot.belief.grid.origin
-        return words, sizes, origins, side
 
     def _write_outcomes(self, going: np.ndarray, chosen: list[int], records: Records) -> None:
         """Write rewards and `info` of the environments that go on. `chosen`: those that are not at rest."""
@@ -422,27 +394,11 @@ class Batch(Period):
                     records.note(i, row, (name,))
 
 
-@njit(cache=True)
-def repeat(item, count):
-    """Return a Numba list that contains `item` `count` times."""
-    items = List()
-    for _ in range(count):
-        items.append(item)
-    return items
-
-
-@njit(cache=True)
-def put(items, i, item):
-    """Set element `i` of a Numba list. Cached by Numba, unlike list methods."""
-    items[i] = item
-
-
 def _surroundings(env: Any) -> tuple[Any, ...]:
     world = env.world
     return *(np.array(rows) for rows in (world.segments, world.circles, world.magnets)), env.simulator.crowd.arrays
 
 
-def _has_own(thing: Any, by_rows: str, *one_by_one: str, of: str = "") -> bool:
+def _has_own(thing: Any, by_rows: str, *one_by_one: str) -> bool:
     names = {by_rows, *one_by_one}
-    kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
-    return by_rows in vars(kind) and kind.__module__.startswith(of)
+    return by_rows in vars(next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object))

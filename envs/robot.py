@@ -1,8 +1,7 @@
 """Sensor readings, estimates and ground truth of a robot."""
 
 import math
-from collections.abc import Hashable, Iterable, Sequence
-from types import SimpleNamespace
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from lidarnaut.envs.estimation.trail import Trail, interpolate
 from lidarnaut.envs.files import with_defaults
 from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, RobotState, Twist
 from lidarnaut.envs.simulation import records as at
@@ -66,7 +66,7 @@ class Robot:
         elif isinstance(estimator, KeyScanSlam):
             least = estimator.params.min_travel_distance, estimator.params.min_travel_angle
         self._reading: Reading
-        self._batch: SimpleNamespace | None = None
+        self._planners: dict[Hashable, Any] = {}
         self._setup = at.MotionSettings(float(uses_true_motion), *least)
 
     @property
@@ -85,16 +85,22 @@ class Robot:
         row[at.TOUCHED] = row[at.TOUCHED] > 0.0
         return row
 
-    def _alone(self, memory: Iterable[Hashable]) -> SimpleNamespace:
-        rows = self._rows
-        if len(rows.numbers) == 1:
-            if self._batch is None or self._batch.numbers is not rows.numbers:
-                self._batch = SimpleNamespace(robots=[self], active=ONE_ACTIVE, **vars(rows))
-            return self._batch
-        kept = {name: rows.memory[name][self.index, None] for name in memory}
-        return SimpleNamespace(
-            robots=[self], numbers=self._row[None], ranges=self.ranges[None], memory=kept, active=ONE_ACTIVE
-        )
+    def as_rows(self, truth: "GroundTruth | None" = None) -> RobotRows:
+        """Return this robot alone as `RobotRows`; without `truth`, ground truth in its state vector is NaN."""
+        rows, own = self._rows, slice(self.index, self.index + 1)
+        memory = {name: kept[own] for name, kept in rows.memory.items()}
+        return RobotRows([self], self.row[None] if truth is None else rows.numbers[own], rows.ranges[own], memory)
+
+    def remember(self, name: Hashable, size: int, dtype: Any = np.float64) -> np.ndarray:
+        """Return the data that an observation stores as `name`, shape (size,); see `Rows.remember`."""
+        row: np.ndarray = self._rows.remember(name, size, dtype)[self.index]
+        return row
+
+    def planner(self, name: Hashable, make: Callable[[], Any]) -> Any:
+        """Return the planner `name`, which observation parts and policies share; `make` creates it in each episode."""
+        if name not in self._planners:
+            self._planners[name] = make()
+        return self._planners[name]
 
     @property
     def reading(self) -> Reading:
@@ -157,7 +163,8 @@ class Robot:
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
         self.belief.grows = prior.map is None
-        self._rows, self.index, self.has_known_map = rows, index, prior.map is not None
+        self._rows, self.index, self._planners = rows, index, {}
+        self.has_known_map = prior.map is not None
         self.reading, row = reading, self._row
         self.trail = Trail()
         """Path of estimated positions, map frame [m]."""

@@ -58,16 +58,25 @@ class BoxPart:
 
 
 class RowPart(BoxPart):
-    """Base of built-in observation parts, which write one observation entry of many robots in a single call.
+    """Base of parts of the package that write the observation entry of many robots in a single call.
 
-    Subclasses define `write_rows(batch, out)` for active robots of a `Batch` of environments.
+    Subclasses define `_write(rows, out)` for the active robots of `RobotRows`, which contain ground truth.
     """
 
-    _memory: Sequence[Any] = ()  # keys of `batch.memory` that `write_rows` reads
-    write_rows: Callable[..., None]
+    uses_ground_truth: bool = False
+    _write: Callable[..., None]
 
-    def write(self, robot: Robot, out: np.ndarray) -> None:
-        self.write_rows(robot._alone(self._memory), out[None])
+    def write(self, rows: Any, out: np.ndarray, truth: Any = None) -> None:
+        """Write the entries of `RobotRows` to `out`, shape (n, ...).
+
+        A user's part that contains or extends this one may instead pass a `Robot`, with its `truth` if the part uses
+        it, and an array of the space.
+        """
+        if isinstance(rows, Robot):
+            if self.uses_ground_truth and truth is None:
+                raise TypeError(f"{type(self).__name__} shows ground truth: call write(robot, out, truth)")
+            rows, out = rows.as_rows(truth), out[None]
+        self._write(rows, out)
 
 
 class Rewards:

@@ -21,7 +21,7 @@ def compile_kernels() -> None:
     physics = ["kinematic", *(["bullet"] if importlib.util.find_spec("pybullet") else [])]
     cases: list[tuple[Any, str, Any]] = [(gymnasium.make, id, {"physics": name}) for name in physics for id in ids]
     cases += [(gymnasium.make, explore, kinematic | {"slam": slam}) for slam in SLAM_NAMES]
-    cases += [(gymnasium.make, explore, kinematic | {"world": "caves"}), (gymnasium.make_vec, explore, {"num_envs": 1})]
+    cases += [(gymnasium.make, explore, kinematic | {"world": "caves"}), (gymnasium.make_vec, explore, {"num_envs": 2})]
     explorers: list[Any] = [make() for make in EXPLORERS.values()]
     explorers += [load_policy(find_policy(f"pretrained/{name}")) for name in ("frontiers", "twist")]
     with Progress(total=len(cases) + len(explorers), desc="compiling all kernels", unit="episode") as bar:

@@ -134,9 +134,11 @@ class MapPyramid:
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
         self.grid, self._data, self._trails = grid, grid.data, trails
         self._levels: dict[int, Level] = {}
+        self.revision = object()
+        """Object that stands for the contents of the map, and is replaced by `update`."""
 
     def update(self, update: MapUpdate) -> None:
-        data = self.grid.data
+        data, self.revision = self.grid.data, object()
         if update.redrawn or data is not self._data:
             self._data = data
             for level in self._levels.values():
@@ -150,17 +152,6 @@ class MapPyramid:
         for level in self._levels.values():
             if not level.is_stale:
                 level.mark(col, row)
-
-    def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
-        """Write a square map crop around a pose (map frame) to `out`, with pixels of side `pixel` [m].
-
-        `out`: shape (3, size, size), uint8: occupied, free, visited.
-        """
-        level = self.level(pixel)
-        side = level.block * self.grid.resolution
-        left, low = self.grid.origin
-        x, y = (x - left) / side, (y - low) / side
-        crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
 
     def level(self, pixel: float) -> Level:
         """Return the up-to-date pyramid level whose block side is nearest to `pixel` [m]."""

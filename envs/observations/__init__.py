@@ -1,11 +1,15 @@
 """Observation parts (dictionary entries), selected by name."""
 
+import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from lidarnaut.envs.files import resolve
-from lidarnaut.envs.task import ObservationPart
+from lidarnaut.envs.robot_rows import RobotRows
+from lidarnaut.envs.task import ObservationPart, RowPart
 
 from .maps import MapCrop
 from .plan import Plan
@@ -62,7 +66,35 @@ def make_parts(
             if not (hasattr(found, "write") or callable(found)):
                 raise ValueError(f"observations: {name!r} must be an observation part or return one, got {choice!r}")
             parts[name] = found if hasattr(found, "write") and not isinstance(found, type) else found()
+        _check_methods(name, parts[name])
     return parts
+
+
+def _check_methods(name: str, part: Any) -> None:
+    wanted = "robot, out, truth" if getattr(part, "uses_ground_truth", False) else "robot, out"
+    try:
+        inspect.signature(part.write).bind(*wanted.split(", "))
+        own = [kind for kind in type(part).__mro__ if not kind.__module__.startswith("lidarnaut.")]
+        if isinstance(part, RowPart) and any("_write" in vars(kind) for kind in own):
+            raise TypeError("_write is private")  # it would receive ground truth
+    except (AttributeError, TypeError) as error:
+        kind = type(part).__name__
+        raise ValueError(f"observations: {name!r} must have write({wanted}), got {kind}: {error}") from None
+
+
+def writes_rows(part: Any) -> bool:
+    """Return whether `write` of a part takes `RobotRows`: that of `RowPart`, unless a user has replaced it."""
+    return getattr(part.write, "__func__", None) is RowPart.write
+
+
+def write_entries(part: Any, rows: RobotRows, out: np.ndarray) -> None:
+    """Write the observation entries of all robots to `out`, shape (n, ...); those of users' parts one by one."""
+    if writes_rows(part):
+        part.write(rows, out)
+        return
+    shows_truth = getattr(part, "uses_ground_truth", False)
+    for k, robot in enumerate(rows.robots):
+        part.write(robot, out[k, ...], *rows.truths[k : k + shows_truth])
 
 
 __all__ = [

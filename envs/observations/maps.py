@@ -1,34 +1,34 @@
 """Egocentric crops of the occupancy grid."""
 
-from typing import Any
-
 import numpy as np
 from gymnasium import spaces
 from numba import njit
 
 from lidarnaut.envs.arguments import is_number, is_whole
 from lidarnaut.envs.estimation.map_pyramid import crop_level
-from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.task import RowPart
 
 MAX_SIZE = 4096
 """Maximum number of pixels along a side of a map crop."""
 
 
 @njit(cache=True, error_model="numpy")
-def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
+def crop_levels(maps, frames, rows, resolution, active, out):
     """Write the observation `MapCrop` of n robots to `out`, shape (n, 3, size, size), uint8.
 
-    `active`: robots to write (mask).
+    `maps`, `frames`: as returned by `RobotRows.levels`. `active`: robots to write (mask).
     """
     for k in range(active.shape[0]):
         if active[k]:
-            x, y = (rows[k, at.POSE] - origins[k, 0]) / side, (rows[k, at.POSE + 1] - origins[k, 1]) / side
-            crop_level(levels[k], sizes[k, 0], sizes[k, 1], x, y, rows[k, at.POSE + 2], pixel, out[k])
+            left, low, side, height, width = frames[k]
+            x, y = (rows[k, at.POSE] - left) / side, (rows[k, at.POSE + 1] - low) / side
+            crop_level(maps[k], int(height), int(width), x, y, rows[k, at.POSE + 2], resolution / side, out[k])
 
 
-class MapCrop:
+class MapCrop(RowPart):
     """Observation of the map around the robot: `Box(0, 255, (3, size, size), uint8)`.
 
     Axis 1 points forward, axis 2 to the left. Channels: 0 occupied, 1 free, 2 visited. Unknown is 0 in channels 0 and
@@ -55,9 +55,6 @@ class MapCrop:
     def space(self, robot: RobotParams) -> spaces.Box:
         return spaces.Box(0, 255, (3, self._size, self._size), np.uint8)
 
-    def write(self, robot: Robot, out: np.ndarray) -> None:
-        robot.pyramid.crop(*robot.belief.pose, self.resolution, out)
-
-    def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        levels, sizes, origins, side = batch.levels(self.resolution)
-        crop_levels(levels, sizes, origins, batch.numbers, side, self.resolution / side, batch.active, out)
+    def _write(self, rows: RobotRows, out: np.ndarray) -> None:
+        maps, frames = rows.levels(self.resolution)
+        crop_levels(maps, frames, rows.numbers, self.resolution, rows.active, out)

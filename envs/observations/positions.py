@@ -11,6 +11,7 @@ from lidarnaut.envs.arguments import is_whole
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import BoxPart, RowPart
@@ -71,15 +72,13 @@ class NearGoal(RowPart):
     Distance / 10 m (at most 1), cosine and sine of the bearing, 1 m / (1 m + distance).
     """
 
-    _memory = (GOAL_MEMORY,)
-
     def __init__(self, tells_distance: bool = True) -> None:
         """Set whether the distance to the goal is included (four features, else two)."""
         self._tells_distance = int(tells_distance)
         self.size = 2 + 2 * self._tells_distance
 
-    def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        write_goals(batch.numbers, batch.memory[GOAL_MEMORY], self._tells_distance, batch.active, out)
+    def _write(self, rows: RobotRows, out: np.ndarray) -> None:
+        write_goals(rows.numbers, rows.memory[GOAL_MEMORY], self._tells_distance, rows.active, out)
 
 
 class Home(TaskPart):

@@ -1,12 +1,12 @@
 """Observations of the scan, the robot's motion and the robot's limits."""
 
 import math
-from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numba import njit
 
+from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
@@ -37,8 +37,8 @@ class Scan(RowPart):
     def space(self, robot: RobotParams) -> spaces.Box:
         return spaces.Box(0.0, 1.0, (robot.lidar.num_beams,), np.float32)
 
-    def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        scale_scans(batch.ranges, batch.robots[0].params.lidar.range_max, batch.active, out)
+    def _write(self, rows: RobotRows, out: np.ndarray) -> None:
+        scale_scans(rows.ranges, rows.robots[0].params.lidar.range_max, rows.active, out)
 
 
 @njit(cache=True, error_model="numpy")
@@ -62,8 +62,8 @@ class Limits(RowPart):
 
     low, size = 0.0, 5
 
-    def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        params = batch.robots[0].params
+    def _write(self, rows: RobotRows, out: np.ndarray) -> None:
+        params = rows.robots[0].params
         limits = params.max_v / SPEED_RANGE, params.max_w / 4.0, params.max_acc_v / 5.0, params.max_acc_w / 25.0
         out[:] = np.minimum((*limits, params.radius / 0.5), 1.0)
 
@@ -77,6 +77,6 @@ class Motion(RowPart):
 
     size = 6
 
-    def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        params = batch.robots[0].params
-        scale_motions(batch.numbers, (params.max_v, params.max_w), batch.active, out)
+    def _write(self, rows: RobotRows, out: np.ndarray) -> None:
+        params = rows.robots[0].params
+        scale_motions(rows.numbers, (params.max_v, params.max_w), rows.active, out)

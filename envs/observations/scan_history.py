@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -12,6 +12,7 @@ from lidarnaut.envs.arguments import is_number, is_whole
 from lidarnaut.envs.geometry.pose import between, compose
 from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
@@ -172,7 +173,7 @@ class ScanHistory(RowPart):
         if not (is_whole(num_sectors) and num_sectors >= 1):
             raise ValueError(f"scan_history needs a positive number of sectors, got {num_sectors!r}")
         self._ages, self._num_sectors, self._compensates = tuple(map(float, ages)), int(num_sectors), bool(compensate)
-        self._memory = (("scan_history", self._ages, self._num_sectors),)
+        self._memory = "scan_history", self._ages, self._num_sectors
         self._shown: tuple[np.ndarray, Sectors, bool]
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -187,11 +188,10 @@ class ScanHistory(RowPart):
             raise ValueError(f"lags of scan_history must be at most {MAX_LAG} control periods, got {self._ages} s")
         sectors, size = Sectors.of(robot.params, self._num_sectors), MOTION + self._num_sectors
         self._shown = lags, sectors, self._compensates
-        ring = robot._rows.remember(self._memory[0], (lags[-1] + 1) * size, np.float32)[robot.index].reshape(-1, size)
+        ring = robot.remember(self._memory, (lags[-1] + 1) * size, np.float32).reshape(-1, size)
         ring[0, :MOTION] = 0.0
         pool_scan(robot.ranges, sectors.beams, ring[0, MOTION:])
         ring[:] = ring[0]
 
-    def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        memory = batch.memory[self._memory[0]]
-        write_history(batch.numbers, batch.ranges, memory, batch.active, out, *self._shown)
+    def _write(self, rows: RobotRows, out: np.ndarray) -> None:
+        write_history(rows.numbers, rows.ranges, rows.memory[self._memory], rows.active, out, *self._shown)

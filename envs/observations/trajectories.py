@@ -1,7 +1,6 @@
 """Observation of the predicted motions by candidate velocity commands (twists)."""
 
 import math
-from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -20,6 +19,7 @@ from lidarnaut.envs.estimation.tracking import (
     write_bodies,
 )
 from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
@@ -233,7 +233,7 @@ class Trajectories(RowPart):
         return spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS), np.float32)
 
     def reset(self, robot: Robot) -> None:
-        params, lidar, memory = robot.params, robot.params.lidar, robot._rows.remember
+        params, lidar = robot.params, robot.params.lidar
         sees_behind = bool(lidar.directions[0].min() < -math.cos(REAR_ANGLE))
         limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind
         twists = np.array(SPEEDS, np.float32), np.array(TURNS, np.float32)
@@ -242,9 +242,9 @@ class Trajectories(RowPart):
         self._memory = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
         sizes = STATE, MAX_TRACKS * TRACK_SIZE, num_scans * lidar.num_beams, num_scans * 4
         for key, size in zip(self._memory, sizes, strict=True):
-            memory(key, size, np.float32 if key[1] == "scans" else np.float64)[robot.index] = 0.0
-        memory(self._memory[0], STATE)[robot.index, STEPS] = -1.0
+            robot.remember(key, size, np.float32 if key[1] == "scans" else np.float64)[:] = 0.0
+        robot.remember(self._memory[0], STATE)[STEPS] = -1.0
 
-    def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        memory = tuple(batch.memory[key] for key in self._memory)
-        write_trajectories(batch.numbers, batch.ranges, memory, batch.active, *self._fixed, out)
+    def _write(self, rows: RobotRows, out: np.ndarray) -> None:
+        memory = tuple(rows.memory[key] for key in self._memory)
+        write_trajectories(rows.numbers, rows.ranges, memory, rows.active, *self._fixed, out)

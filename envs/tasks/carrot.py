@@ -1,4 +1,6 @@
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -7,13 +9,13 @@ from numba import njit
 from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.geometry.pose import distance
-from lidarnaut.envs.navigation import GoalNavigator, GoalParams
+from lidarnaut.envs.navigation.planners import GoalPlanner
 from lidarnaut.envs.observations.plan import look_ahead
-from lidarnaut.envs.observations.positions import GOAL_MEMORY
-from lidarnaut.envs.robot import ONE_ACTIVE, GroundTruth, Robot
-from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.observations.positions import GOAL_MEMORY, TaskPart
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.simulation import records as at
-from lidarnaut.envs.task import BoxPart
+from lidarnaut.envs.task import ObservationPart, RowPart
 
 from . import reach_kernels as own_at
 
@@ -21,8 +23,6 @@ AHEAD = 0.8
 """Default lookahead distance [m]."""
 MAX_DESCENT = 6.0
 """Length of the shortest path ahead of the robot that is searched for the farthest visible point [m]."""
-CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
-"""Parameters of the planner of the observed path, practically without limits on recoveries and searches."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -80,7 +80,7 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
             out[k, 0], out[k, 1], out[k, 2] = math.cos(angle), math.sin(angle), min(owns[k, own_at.LEFT] / ahead, 1.0)
 
 
-class PlannedCarrot(BoxPart):
+class PlannedCarrot(TaskPart):
     """Observation of the direction to a lookahead point on the planned path.
 
     Values: cosine and sine of the direction, robot frame; remaining path length divided by lookahead distance, at most
@@ -91,49 +91,36 @@ class PlannedCarrot(BoxPart):
 
     def __init__(self, task: Any, ahead: float = AHEAD) -> None:
         check_positive(ahead=ahead)
-        self._task, self._ahead = task, float(ahead)
-
-    def reset(self, robot: Robot) -> None:
-        self._navigator, self._path, self._index = GoalNavigator(CARROT_PARAMS), np.empty((0, 2)), 0
-        # only reactive driving uses the generator
-        self._navigator.reset(robot.params, robot.control_period, np.random.default_rng(0))
-        self._reading: Reading | None = None
+        super().__init__(task)
+        self._ahead = float(ahead)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        goal, navigator = self._task.tell_goal(robot.belief.pose)[:2], self._navigator
-        if robot.reading is not self._reading:
-            self._reading = robot.reading
-            if navigator.goal != goal:
-                navigator.set_goal(goal)
-            navigator.act(robot.reading, robot.belief)
-            if navigator.plan is not None and len(navigator.plan):
-                self._path, self._index = navigator.plan, 0
-        pose, path = robot.belief.pose, np.vstack([self._path, navigator.target or goal])
-        self._index = look_ahead(path, self._index, tuple(pose), (self._ahead,), out)
-        rest = np.vstack([pose[:2], path[self._index :]])
+        planner = robot.planner("goal", partial(GoalPlanner, robot.params, robot.control_period))
+        pose = robot.belief.pose
+        path = planner.update(robot.reading, robot.belief, self._task.tell_goal(pose)[:2])
+        planner.nearest = look_ahead(path, planner.nearest, tuple(pose), (self._ahead,), out)
+        rest = np.vstack([pose[:2], path[planner.nearest :]])
         out[2] = min(float(np.hypot(*np.diff(rest, axis=0).T).sum()) / self._ahead, 1.0)
 
 
-class ShortestCarrot(PlannedCarrot):
+class ShortestCarrot(RowPart):
     """Observation of a lookahead point on the true shortest path around static obstacles, for training."""
 
-    uses_ground_truth = True
+    size, uses_ground_truth = 3, True
 
-    def reset(self, robot: Robot) -> None:
-        """Do nothing: no state is kept."""
+    def __init__(self, task: Any, ahead: float = AHEAD) -> None:
+        check_positive(ahead=ahead)
+        self._task, self._ahead = task, float(ahead)
 
-    def write(self, robot: Robot, out: np.ndarray, truth: GroundTruth) -> None:  # type: ignore[override]
-        rows = truth._rows
-        write_carrots(rows.numbers, rows.memory[GOAL_MEMORY], self._task.arrays, self._ahead, ONE_ACTIVE, out[None])
-
-    def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        write_carrots(batch.numbers, batch.memory[GOAL_MEMORY], batch.task_arrays[0], self._ahead, batch.active, out)
+    def _write(self, rows: RobotRows, out: np.ndarray) -> None:
+        lengths = self._task.arrays if rows.task_arrays is None else rows.task_arrays[0]
+        write_carrots(rows.numbers, rows.memory[GOAL_MEMORY], lengths, self._ahead, rows.active, out)
 
 
-CARROTS = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
+CARROTS: dict[str, Callable[..., ObservationPart]] = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
 """Classes of lookahead observations by source of the path."""
 
 
-def make_carrot(task: Any, path: str = "plan", ahead: float = AHEAD) -> PlannedCarrot:
+def make_carrot(task: Any, path: str = "plan", ahead: float = AHEAD) -> ObservationPart:
     """Create the observation of a lookahead point on the planned ("plan") or the true shortest path ("shortest")."""
     return resolve(path, CARROTS, "path of carrot")(task, ahead)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate
-from lidarnaut.envs.estimation.map_pyramid import MapPyramid
+from lidarnaut.envs.estimation.map_pyramid import MapPyramid, crop_level
 from lidarnaut.envs.estimation.trail import Trail
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.observations import FAR_PIXEL, NEAR_PIXEL
@@ -24,7 +24,10 @@ def crops(pyramid, pose, *pixels):
     pixels = pixels or (NEAR_PIXEL, FAR_PIXEL)
     out = np.empty((len(pixels), 3, SIZE, SIZE), dtype=np.uint8)
     for pixel, crop in zip(pixels, out):
-        pyramid.crop(*pose, pixel, crop)
+        level, (left, low) = pyramid.level(pixel), pyramid.grid.origin
+        side = level.block * pyramid.grid.resolution
+        x, y = (pose.x - left) / side, (pose.y - low) / side
+        crop_level(level.words, level.height, level.width, x, y, pose.theta, pixel / side, crop)
     return out
 
 

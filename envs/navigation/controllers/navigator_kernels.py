@@ -74,7 +74,7 @@ def navigator_numbers(
     times = {"max": max_time, "replan": REPLAN_TIME, "stall": STALL_TIME, "stuck": params.stuck_time}
     return {
         **follower_numbers(robot, period),
-        "max_recoveries": params.max_recoveries,
+        "max_recoveries": math.inf if params.max_recoveries is None else params.max_recoveries,
         "stuck_distance": params.stuck_distance,
         **{f"{name}_steps": max(1, round(min(seconds, 1e6) / period)) for name, seconds in times.items()},
         "mount": (lidar.mount.x, lidar.mount.y, lidar.mount.yaw),

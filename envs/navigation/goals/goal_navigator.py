@@ -89,10 +89,11 @@ class GoalParams:
     """Time between checks that the path is free [s]."""
     stray_distance: NonNegativeFloat = 0.5
     """Distance from the path that triggers replanning [m]."""
-    max_recoveries: NonNegativeInt = 6
-    """Maximum number of recovery behaviors per goal."""
-    max_searches: NonNegativeInt = 1
-    """Number of failed path searches that ends the drive. The robot looks around between searches."""
+    max_recoveries: NonNegativeInt | None = 6
+    """Maximum number of recovery behaviors per goal; None without limit."""
+    max_searches: NonNegativeInt | None = 1
+    """Number of failed path searches that ends the drive; None without limit. The robot looks around between
+    searches."""
     lost_patience: NonNegativeFloat = 5.0
     """Time without localization before reactive driving by the scan [s]. Localization often recovers earlier."""
     lost_time: NonNegativeFloat = 90.0
@@ -334,7 +335,7 @@ class GoalNavigator(Explorer):
         if not self._num_searches and not allow_unknown:
             LOGGER.warning("no path to the goal: %s", self._blocked(pose, costmap))
         self._num_searches += 1
-        if self._num_searches >= self.params.max_searches:
+        if self.params.max_searches is not None and self._num_searches >= self.params.max_searches:
             self.end_reason = "no_path"
         else:
             self._navigator.spin()
@@ -368,7 +369,7 @@ class GoalNavigator(Explorer):
             navigator.recover()
         self._num_counted = int(navigator.record["recoveries"])
         self.num_recoveries += 1
-        if self.num_recoveries > self.params.max_recoveries:
+        if self.params.max_recoveries is not None and self.num_recoveries > self.params.max_recoveries:
             self.end_reason = "stuck"
             return
         planning.clear_marks(pose[:2], CLEARED_RADIUS)

@@ -55,8 +55,8 @@ class NavigatorParams:
     """Maximum distance to the goal that counts as arrival [m]."""
     frontier_radius: NonNegativeFloat = 0.4
     """Radius around the chosen frontier [m]; the drive ends early when no frontier cell is left inside."""
-    max_recoveries: NonNegativeInt = 3
-    """Maximum number of recovery attempts per drive."""
+    max_recoveries: NonNegativeInt | None = 3
+    """Maximum number of recovery attempts per drive; None without limit."""
     stuck_distance: NonNegativeFloat = 0.5
     """Minimum distance to cover within `stuck_time` [m]; otherwise the drive fails."""
     stuck_time: NonNegativeFloat = 10.0
