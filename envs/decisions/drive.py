@@ -1,7 +1,6 @@
 """Numba kernel that drives one robot for several control periods."""
 
-from numba import njit
-
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.navigation.controllers.navigator_kernels import (
     DRIVING,
     check_progress,

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart

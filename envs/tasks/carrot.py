@@ -2,9 +2,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from lidarnaut.envs.arguments import check_positive
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams

@@ -5,9 +5,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.typed import List
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.overrides import overridden
 from lidarnaut.envs.robot import SCAN
