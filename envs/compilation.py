@@ -1,4 +1,4 @@
-"""`njit` for the kernels of this package, with a disk cache and a progress bar.
+"""Compilation of the package's Numba kernels: `njit` with a disk cache, and a progress bar.
 
 Nothing in Numba is replaced: kernels of other packages are compiled and kept as without this package.
 """
@@ -28,7 +28,7 @@ from numba.core.serialize import dumps
 from tqdm import tqdm
 
 MAX_AGE = 30 * 86400.0
-"""Kernels of other versions of the package are deleted after this time without use [s]."""
+"""Folders of compiled kernels are deleted after this time without use [s]."""
 _log = logging.getLogger("lidarnaut")
 _USER = os.geteuid() if hasattr(os, "geteuid") else None
 _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
@@ -58,10 +58,8 @@ class KernelCache(caching.NullCache):
 
     def __init__(self, function: Any, base: Path) -> None:
         code, tag = function.__code__, sys.implementation.cache_tag
-        self._folder, self._kernel = (
-            _folder(base, code.co_filename),
-            f"{function.__qualname__}-{code.co_firstlineno}.{tag}",
-        )
+        self._folder = _folder(base, code.co_filename)
+        self._kernel = f"{function.__qualname__}-{code.co_firstlineno}.{tag}"
 
     @property
     def cache_path(self) -> str:
@@ -129,7 +127,7 @@ event.register("numba:compile", _Progress())
 
 @cached
 def _base() -> Path | None:
-    """Return the cache folder, the first that no other user can write to; None if there is none."""
+    """Return the cache folder: the usual or a temporary one, if no other user can write to it; otherwise None."""
     home = os.environ.get("XDG_CACHE_HOME", "")
     home = home if os.path.isabs(home) else os.path.expanduser("~/.cache")
     named = numba.config.CACHE_DIR  # type: ignore[attr-defined]
@@ -141,9 +139,8 @@ def _base() -> Path | None:
             folder.mkdir(0o755, parents=True, exist_ok=True)
             state = folder.lstat()
             is_closed = state.st_mode & stat.S_ISVTX or not state.st_mode & 0o002
-            if not stat.S_ISDIR(state.st_mode) or (
-                _USER is not None and not (state.st_uid in (0, _USER) and is_closed)
-            ):
+            is_own = _USER is None or (state.st_uid in (0, _USER) and is_closed)
+            if not is_own or not stat.S_ISDIR(state.st_mode):
                 raise OSError(f"{folder} is a symbolic link, or another user owns it or may write to it")
             if reason:
                 _warn("compiled kernels are kept in %s: %s", folder, reason)
