@@ -73,9 +73,9 @@ _rosbag1, _mcap = _copy_of("rosbags.rosbag1.reader"), _copy_of("rosbags.rosbag2.
 _rosbag1.decompressors.update(bz2=_bounded(bz2.BZ2Decompressor), lz4=_lz4)
 _mcap.DECOMPRESSORS.update(lz4=_lz4, zstd=_zstd)
 # Topics that are not needed may have schemas of other kinds (JSON), binary ones (Protobuf), or damaged metadata.
-_UNDEFINED = MessageDefinition(MessageDefinitionFormat.NONE, "")
+_UNDEFINED, _read_text = MessageDefinition(MessageDefinitionFormat.NONE, ""), _mcap.read_bytes
 _mcap.get_msgdef, _mcap.get_qos = _tolerant(_mcap.get_msgdef, _UNDEFINED), _tolerant(_mcap.get_qos, [])
-_mcap.read_string = lambda bio: _mcap.read_bytes(bio).decode(errors="replace")
+_mcap.read_string = lambda bio: _read_text(bio).decode(errors="replace")
 _McapReader: Any = _mcap.McapReader
 
 
