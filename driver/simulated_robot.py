@@ -42,7 +42,7 @@ class SimulatedRobot:
         """True pose of the odometry frame, world frame."""
         self.simulator = make_simulator(physics, self.robot, self.period, crowd=crowd_of(people))
         self.simulator.deskews = False
-        crowd_rng = rng if self.simulator.crowd.crowd else None
+        crowd_rng = rng if self.simulator.crowd.params else None
         (self.reading,) = self.simulator.reset(self.world, [self.start], [rng.spawn(1)[0]], crowd_rng)
 
     @property

@@ -1,115 +1,101 @@
-"""Compilation of Numba kernels: cache on disk, lock between processes, and progress bar."""
+"""Compilation of the package's Numba kernels: `njit` with a disk cache, and a progress bar.
+
+Nothing in Numba is replaced: kernels of other packages are compiled and kept as without this package.
+"""
 
 import contextlib
-import errno
-import gc
 import hashlib
 import logging
 import multiprocessing
 import os
 import pickle
-import platform
 import re
+import shutil
 import stat
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from functools import cache
+from collections.abc import Callable
+from functools import cache as cached
+from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 from numba.core import caching, event
 from numba.core.compiler import CompileResult
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 from tqdm import tqdm
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
-
-NAME_HOLDER_AFTER, GIVE_UP_AFTER = 10.0, 60.0
-"""Waiting times [s] while another process compiles a kernel: until a warning, and until also compiling here."""
+MAX_AGE = 30 * 86400.0
+"""Folders of compiled kernels are deleted after this time without use [s]."""
 _log = logging.getLogger("lidarnaut")
-_warned: set[tuple[str, str]] = set()
 _USER = os.geteuid() if hasattr(os, "geteuid") else None
 _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+_warned: set[str] = set()
 _OWN = re.compile(r"lidarnaut\b")
 _IMPORT = re.compile(r"^(?:from|import) +(\.*)([\w.]*)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 
 
-class KernelCache(caching.NullCache):
-    """Disk cache of compiled Numba kernels, with one file per signature.
+def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return the decorator `numba.njit(**options)`; with `cache`, kernels are kept by a `KernelCache`."""
 
-    Unlike in Numba's cache, changes of called kernels also invalidate an entry. The folder is `NUMBA_CACHE_DIR`, or
-    `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`, or the temporary folder `lidarnaut-UID`. Loading executes the file:
-    other users must not have write access.
+    def decorate(function: Callable[..., Any]) -> Any:
+        kernel = numba.njit(**options)(function)
+        if cache and kernel is not function and (base := _base()):  # with NUMBA_DISABLE_JIT=1 it is the function
+            kernel._cache = KernelCache(function, base)
+        return kernel
+
+    return decorate
+
+
+class KernelCache(caching.NullCache):
+    """Disk cache of a kernel, with one file per signature, in a folder for each version of its module.
+
+    A version is the text of the module and of all that it imports, so that changes of called kernels and of constants
+    count, too. A file that is damaged or cannot be written is no error. Loading executes the file.
     """
 
-    def __init__(self, py_func: Any) -> None:
-        source, line = py_func.__code__.co_filename, py_func.__code__.co_firstlineno
-        self._module = f"{_name(source)}-{_hash(source)[:16]}"
-        self._kernel = f"{py_func.__qualname__}-{line}.{sys.implementation.cache_tag}"
-        home = os.environ.get("XDG_CACHE_HOME", "")
-        home = home if os.path.isabs(home) else os.path.join(os.path.expanduser("~"), ".cache")
-        named = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-        self._base, self._closed = os.path.realpath(named or os.path.join(home, "lidarnaut")), 0o002
-        try:
-            if not named and not os.path.isabs(home):
-                raise OSError(errno.ENOENT, "the home folder is unknown", home)
-            self.path()
-        except OSError as error:
-            self._base, self._closed = os.path.join(tempfile.gettempdir(), f"lidarnaut-{_USER}"), 0o077
-            self.path()
-            if multiprocessing.parent_process() is None:  # workers are silent
-                _warn("compiled kernels are kept in %s: %s", self._base, error)
+    def __init__(self, function: Any, base: Path) -> None:
+        code, tag = function.__code__, sys.implementation.cache_tag
+        self._folder = _folder(base, code.co_filename)
+        self._kernel = f"{function.__qualname__}-{code.co_firstlineno}.{tag}"
 
-    def path(self, key: Any = None) -> str:
-        """Return the path of the cache file for a key, or of the lock file; raise OSError if unsafe."""
-        for folder in (self._base, os.path.join(self._base, self._module)):
-            os.makedirs(folder, 0o755 & ~self._closed, exist_ok=True)
-            state = os.lstat(folder)
-            is_closed = state.st_mode & stat.S_ISVTX or not state.st_mode & self._closed
-            is_own = _USER is None or (state.st_uid in (0, _USER) and is_closed)
-            if not is_own or not stat.S_ISDIR(state.st_mode):
-                raise OSError(errno.EPERM, "it is a symbolic link, or another user owns it or may write to it", folder)
-        end = "lock" if key is None else f"{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
-        return os.path.join(folder, f"{self._kernel}.{end}")
+    @property
+    def cache_path(self) -> str:
+        return str(self._folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
-        key, path = (sig, target_context.codegen().magic_tuple()), self._base
+        path = self._path(key := (sig, target_context.codegen().magic_tuple()))
         try:
-            path = self.path(key)
-            with open(path, "rb") as file:
-                digest, content = file.read(32), file.read()
-            if hashlib.sha256(content).digest() != digest:
+            content = path.read_bytes()
+            if hashlib.sha256(content[32:]).digest() != content[:32]:
                 raise ValueError("it is damaged")
-            kept, code = pickle.loads(content)
+            kept, code = pickle.loads(content[32:])
             return CompileResult._rebuild(target_context, *code) if kept == key else None
         except (FileNotFoundError, ImportError, AttributeError):  # or a class was moved
-            pass
+            return None
         except Exception as error:
             _warn("%s is compiled again: %s", path, error)
-        return None
+            return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         if data.library.has_dynamic_globals:
             return
-        key, path = (sig, data.codegen.magic_tuple()), self._base
-        content = dumps((key, data._reduce()))
+        path = self._path(key := (sig, data.codegen.magic_tuple()))
+        content, own = dumps((key, data._reduce())), Path(f"{path}.{os.getpid()}")
         try:
-            path = self.path(key)
-            with open(f"{path}.{os.getpid()}", "wb") as file:
-                file.write(hashlib.sha256(content).digest() + content)
-            os.replace(file.name, path)
+            self._folder.mkdir(parents=True, exist_ok=True)
+            own.write_bytes(hashlib.sha256(content).digest() + content)
+            own.replace(path)  # whole, also for processes that compile the same kernel
         except OSError as error:
             _warn("%s is not kept: %s", path, error)
             with contextlib.suppress(OSError):
-                os.remove(f"{path}.{os.getpid()}")
+                own.unlink()
+
+    def _path(self, key: Any) -> Path:
+        return self._folder / f"{self._kernel}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
 
 
 class _Progress(event.Listener):
@@ -136,6 +122,50 @@ class _Progress(event.Listener):
                 self._bar.clear()
 
 
+event.register("numba:compile", _Progress())
+
+
+@cached
+def _base() -> Path | None:
+    """Return the cache folder: the usual or a temporary one, if no other user can write to it; otherwise None."""
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    home = home if os.path.isabs(home) else os.path.expanduser("~/.cache")
+    named = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    temporary, reason = Path(tempfile.gettempdir(), f"lidarnaut-{_USER}"), None
+    for folder in (Path(os.path.realpath(named)) if named else Path(home, "lidarnaut"), temporary):
+        try:
+            if not folder.is_absolute():
+                raise OSError("the home folder is unknown")
+            folder.mkdir(0o755, parents=True, exist_ok=True)
+            state = folder.lstat()
+            is_closed = state.st_mode & stat.S_ISVTX or not state.st_mode & 0o002
+            is_own = _USER is None or (state.st_uid in (0, _USER) and is_closed)
+            if not is_own or not stat.S_ISDIR(state.st_mode):
+                raise OSError(f"{folder} is a symbolic link, or another user owns it or may write to it")
+            if reason:
+                _warn("compiled kernels are kept in %s: %s", folder, reason)
+            return folder
+        except OSError as error:
+            reason = error
+    _warn("compiled kernels are not kept in %s: %s", temporary, reason)
+    return None
+
+
+@cached
+def _folder(base: Path, source: str) -> Path:
+    """Return the folder of a module's kernels, and delete old folders if there is none yet."""
+    texts = [(_name(path), _read(path)[0]) for path in sources(source)]
+    version = hashlib.sha256(repr((numba.__version__, np.__version__, texts)).encode()).hexdigest()
+    folder = base / f"{_name(source)}-{version[:16]}"
+    with contextlib.suppress(OSError):  # a folder that another user fills
+        for other in [] if folder.exists() else base.glob("lidarnaut.*-*"):
+            if time.time() - other.stat().st_mtime > MAX_AGE:
+                shutil.rmtree(other, ignore_errors=True)
+        folder.mkdir(exist_ok=True)
+        os.utime(folder)
+    return folder
+
+
 def sources(path: str) -> list[str]:
     """Return a file and all project files that it imports, directly or indirectly."""
     found, new = {path}, {path}
@@ -145,13 +175,7 @@ def sources(path: str) -> list[str]:
     return sorted(found)
 
 
-@cache
-def _hash(path: str) -> str:
-    parts = (f"{_name(source)}\n{_read(source)[0]}" for source in sources(path))
-    return hashlib.sha256("\n".join([numba.__version__, *parts]).encode()).hexdigest()
-
-
-@cache
+@cached
 def _read(path: str) -> tuple[str, list[str]]:
     with open(path, encoding="utf-8") as file:
         text = file.read()
@@ -162,73 +186,14 @@ def _read(path: str) -> tuple[str, list[str]]:
             stem = os.path.join(folder, *module.split("."))
             stems += [stem, *(os.path.join(stem, name) for name in re.findall(r"\b[a-z]\w*", names))]
     files = (stem + end for stem in stems for end in (".py", f"{os.sep}__init__.py"))
-    return text, list(filter(os.path.isfile, files))
+    return hashlib.sha256(text.encode()).hexdigest(), list(filter(os.path.isfile, files))
 
 
 def _name(path: str) -> str:
     return path.removeprefix(_ROOT + os.sep).removesuffix(".py").replace(os.sep, ".")
 
 
-def _enable_caching(dispatcher: Any, enable: Any = Dispatcher.enable_caching) -> None:
-    if not _OWN.match(_name(dispatcher.py_func.__code__.co_filename)):
-        return enable(dispatcher)
-    try:
-        dispatcher._cache = KernelCache(dispatcher.py_func)
-    except OSError as error:
-        _warn("compiled kernels, such as those of %s, are not kept: %s", dispatcher.py_func.__module__, error)
-
-
-def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> Any:
-    if not isinstance(dispatcher._cache, KernelCache):
-        return compile(dispatcher, sig)
-    with global_compiler_lock, _lock(dispatcher, sig):
-        is_on = gc.isenabled()
-        gc.disable()
-        try:
-            return compile(dispatcher, sig)
-        finally:
-            if is_on:
-                gc.enable()
-
-
-@contextlib.contextmanager
-def _lock(dispatcher: Any, sig: Any) -> Iterator[None]:
-    """Hold a kernel's file lock until the kernel is cached, if locks are available.
-
-    Does not use `lidarnaut.envs.files.Lock`, because edits of that file would recompile all kernels.
-    """
-    cache, begin = dispatcher._cache, time.monotonic()
-    hangs = "the lock %s stays with %s: this process compiles the kernel, too"
-    with contextlib.ExitStack() as stack:
-        with contextlib.suppress(OSError, AttributeError):  # no folder, disk space or locks; Windows
-            path, kept = cache.path(), cache.path((sig, dispatcher.targetctx.codegen().magic_tuple()))
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
-            stack.callback(os.close, descriptor)
-            while not os.path.exists(kept):
-                try:
-                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    os.ftruncate(descriptor, 0)
-                    os.write(descriptor, f"process {os.getpid()} on {platform.node()}".encode())
-                    break
-                except BlockingIOError:
-                    holder = os.pread(descriptor, 300, 0).decode(errors="replace") or "another process"
-                waited = time.monotonic() - begin
-                if waited > GIVE_UP_AFTER or (hangs, holder) in _warned:
-                    _warn(hangs, path, holder)
-                    break
-                if waited > NAME_HOLDER_AFTER:
-                    _warn("waiting for the lock %s of %s, which compiles a kernel", path, holder)
-                time.sleep(0.01)
-        yield
-
-
-def _warn(text: str, subject: str, reason: object) -> None:
-    cause = text, str(getattr(reason, "strerror", None) or reason)
-    if cause not in _warned:
-        _warned.add(cause)
-        _log.warning(text, subject, reason)
-
-
-Dispatcher.enable_caching = _enable_caching  # type: ignore[method-assign, assignment]
-Dispatcher.compile = _compile  # type: ignore[method-assign, assignment]
-event.register("numba:compile", _Progress())
+def _warn(text: str, path: Path, error: Exception | None) -> None:
+    if text not in _warned and multiprocessing.parent_process() is None:  # workers are silent
+        _log.warning(text, path, error)
+    _warned.add(text)

@@ -137,7 +137,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         space: Any = spaces.Dict({name: part.space(self.robot_params) for name, part in self.parts.items()})
         self.observation_space: Any = batch_space(space, num_robots) if self.task.is_team else space
         for one in self.robots:
-            has_map = self.simulator.crowd.crowd is not None and not isinstance(one.estimator, DeadReckoning)
+            has_map = self.simulator.crowd.params is not None and not isinstance(one.estimator, DeadReckoning)
             is_observed = any(isinstance(part, Tracks) for part in self.parts.values())
             if is_observed or (has_map if track_people is None else track_people):
                 one.track_people()
@@ -183,7 +183,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if self.randomization is not None:
             self.simulator.set_robot(self.randomization.draw(self.np_random.spawn(1)[0]))
         sensor_rngs = self.np_random.spawn(len(self.sensors))
-        crowd_rng = self.np_random.spawn(1)[0] if self.simulator.crowd.crowd else None
+        crowd_rng = self.np_random.spawn(1)[0] if self.simulator.crowd.params else None
         readings = self.simulator.reset(self.world, starts, rngs[::2], crowd_rng)
         rows = self.simulator.rows
         rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = task.map_pose
@@ -276,7 +276,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def final_metrics(self) -> dict[str, Any]:
         """Return the additional entries of an episode's last `info`."""
-        has_people = self.simulator.crowd.crowd is not None or len(self.simulator.crowd.rows) > 0
+        has_people = self.simulator.crowd.params is not None or len(self.simulator.crowd.rows) > 0
         return self.task.final_metrics() | (people_metrics(self.rows.numbers) if has_people else {})
 
     @property

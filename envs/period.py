@@ -253,7 +253,7 @@ class Batch(Period):
             env.rows.share(self.numbers[robots], rows.ranges[robots], self._draws[robots], memory)
             env.period.begin()
             put(rows.surroundings, i, _surroundings(env))
-            for arrays, array in zip(rows.task_arrays, env.task.arrays, strict=True):
+            for arrays, array in zip(rows.task_arrays or (), env.task.arrays, strict=True):
                 put(arrays, i, array)
             self._is_new[robots] = True
             self._noted[1][robots] = 0
@@ -295,7 +295,7 @@ class Batch(Period):
         if self._has_no_maps and record_positions(numbers, rows.active, *self._noted):
             self._extend_trails(range(len(active)))
 
-    def advance(self, active: np.ndarray) -> None:
+    def advance(self, active: Any = None) -> None:
         super().advance(active)
         self._columns: Any = ()
         if self.updates_rows:

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.typed import List
+
+from lidarnaut.envs.compilation import njit
 
 
 @njit(cache=True)

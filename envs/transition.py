@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.trail import TRAIL_SPACING
 from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.pose import between, compose, distance

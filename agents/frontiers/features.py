@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.navigation.frontiers import candidates as column

@@ -1,7 +1,8 @@
 """Short tours past all stops, without return to the start."""
 
 import numpy as np
-from numba import njit
+
+from lidarnaut.envs.compilation import njit
 
 MIN_SAVING = 1e-9
 

@@ -7,9 +7,9 @@ Recreate Principle", 2000).
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from lidarnaut.baselines.frontier.open_tour import changed, is_shorter, tour_length
+from lidarnaut.envs.compilation import njit
 
 MIN_SAVING = 1e-6
 MAX_REMOVED = 8

@@ -3,10 +3,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
 from lidarnaut.baselines.frontier.tour import blocks_of
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.lines import cell_along, longest_step
 from lidarnaut.envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, travel_field

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
-from numba import njit
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
 from lidarnaut.baselines.rrt.trees import Tree
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.navigation.frontiers.frontiers import information_gain

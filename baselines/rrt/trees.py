@@ -6,8 +6,8 @@ Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017).
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from lidarnaut.envs.navigation.maps.costmap import OCCUPIED_FROM

@@ -1,7 +1,8 @@
 """Open tours (without return) of several robots past all stops."""
 
 import numpy as np
-from numba import njit
+
+from lidarnaut.envs.compilation import njit
 
 SUM_WEIGHT = 0.1
 MAX_ROUNDS = 20

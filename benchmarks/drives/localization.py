@@ -1,6 +1,7 @@
 """Accuracy of AMCL in known worlds and on the log of a real robot."""
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -11,7 +12,6 @@ import numpy as np
 from scipy import ndimage
 
 from lidarnaut.benchmarks.drives.recording import (
-    LOG,
     PERIOD,
     RESOLUTION,
     Drive,
@@ -226,13 +226,16 @@ def _is_right(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return (distance <= MAX_POSITION_ERROR) & (angle <= MAX_HEADING_ERROR)
 
 
-def compare_on_log(log: Path = LOG) -> list[Row]:
+def compare_on_log(log: Path | None = None) -> list[Row]:
     """Compare AMCL variants on the log of a real robot; results are medians over seeds.
 
     Args:
-        log: log file with reference poses (array `corr`), used to build the map.
+        log: log file with reference poses (array `corr`), used to build the map; by default
+            `intel/scans_2725.npz`, of the Intel Research Lab, in the folder LIDARNAUT_DATA.
     """
-    read, drive = load_reference(log)
+    if log is None and not (data := os.environ.get("LIDARNAUT_DATA")):
+        raise ValueError("no log: pass --log FILE, or set LIDARNAUT_DATA to the folder of intel/scans_2725.npz")
+    read, drive = load_reference(log or Path(data, "intel", "scans_2725.npz"))
     grid = reference_map(read.lidar, drive)
     rows = []
     for name, params in FILTERS.items():

@@ -1,11 +1,9 @@
 """Simulated drives in known worlds, recorded once and replayed through SLAM or localization."""
 
 import math
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,9 +22,6 @@ RESOLUTION = 0.05
 """Map resolution [m]."""
 PERIOD = 0.1
 """Control and scan period [s]."""
-DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
-LOG = DATA / "intel" / "scans_2725.npz"
-"""Lidar and odometry log from the Intel Research Lab."""
 Row = dict[str, Any]
 """Row of a result table by column name; None for an event that never happened."""
 

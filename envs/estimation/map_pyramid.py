@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.belief import MapUpdate
 from lidarnaut.envs.estimation.trail import Trail
 from lidarnaut.envs.geometry import NO_WINDOW, OCCUPIED_FROM, OccupancyGrid, Window

@@ -6,8 +6,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.rows import write_row
 
 from .scan_points import beam_end

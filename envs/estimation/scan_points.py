@@ -4,8 +4,8 @@ from functools import lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import LidarParams
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields
 from operator import attrgetter
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import compose
 from lidarnaut.envs.geometry.rows import write_row

@@ -1,7 +1,5 @@
 """Poses, occupancy grids and ray casting."""
 
-import lidarnaut.envs.compilation  # noqa: F401
-
 from .occupancy_grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
 from .pose import ORIGIN, Pose2D, wrap_angle
 from .window import NO_WINDOW, Window

@@ -3,7 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from lidarnaut.envs.compilation import njit
 
 
 @njit(cache=True, error_model="numpy", inline="always")

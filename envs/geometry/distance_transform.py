@@ -1,7 +1,8 @@
 """Euclidean distance transforms of occupancy rasters."""
 
 import numpy as np
-from numba import njit
+
+from lidarnaut.envs.compilation import njit
 
 MAX_REACH = 180
 """Maximum search distance [cells]. For greater distances, sums of squares overflow uint16."""

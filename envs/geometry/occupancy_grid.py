@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+
+from lidarnaut.envs.compilation import njit
 
 from .window import Window
 

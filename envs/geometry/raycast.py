@@ -4,7 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from lidarnaut.envs.compilation import njit
 
 _ANGLE_PADDING = 1e-3
 """Angle added on both sides of an obstacle's angular range, since polar angles are approximate [rad]."""

@@ -1,8 +1,9 @@
 """Rows of arrays: assignment in Numba functions, and arrays with appendable rows."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, DTypeLike
+
+from lidarnaut.envs.compilation import njit
 
 
 @njit(cache=True, error_model="numpy")

@@ -6,8 +6,8 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid
 from lidarnaut.envs.robots import LidarParams
 

@@ -8,8 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
+
+from lidarnaut.envs.compilation import njit
 
 from .motion_model import cosine, sine
 

@@ -13,16 +13,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, cast, get_args
 
 import numpy as np
-from numba import njit
 from scipy.special import gammaincinv
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 
 X, Y, THETA, V, W, BIAS = range(6)
 """State indices: x, y, heading in the map frame [m, m, rad], forward speed [m/s], yaw rate [rad/s], compass bias
 [rad]."""
-STATE_SIZE = 5
-"""Number of states without the compass bias, which `Estimate.covariance` leaves out."""
+STATE_SIZE = 6
+"""Number of states."""
+NUM_REPORTED = 5
+"""Number of states in `Estimate.covariance`, which leaves out the compass bias, the last one."""
 DRIFT = (0.001, 0.001, 0.0005)
 """Process noise: standard deviation of the random walk of x, y, heading after 1 s [m, m, rad]."""
 MAX_STEP = 0.002
@@ -59,7 +61,7 @@ MEASURED: dict[str, np.ndarray] = {
 }
 """Indices of the state components that each sensor measures: nonzero columns of its measurement matrix H, which for the
 compass also contains the bias."""
-JACOBIANS = {kind: np.eye(STATE_SIZE + 1)[measured] for kind, measured in MEASURED.items()}
+JACOBIANS = {kind: np.eye(STATE_SIZE)[measured] for kind, measured in MEASURED.items()}
 JACOBIANS["compass"][0, BIAS] = 1.0
 HEADINGS: dict[str, int] = {"map": 2, "encoder": -1, "compass": 0, "landmark": 1}
 """Index of the angle among the values of a measurement, -1 for none."""
@@ -132,8 +134,8 @@ class _Moment:
     time: float
     measurement: Measurement | None
     verdict: Verdict = "accepted"
-    state: np.ndarray = field(default_factory=lambda: np.zeros(STATE_SIZE + 1))
-    covariance: np.ndarray = field(default_factory=lambda: np.eye(STATE_SIZE + 1))
+    state: np.ndarray = field(default_factory=lambda: np.zeros(STATE_SIZE))
+    covariance: np.ndarray = field(default_factory=lambda: np.eye(STATE_SIZE))
     gated_since: dict[str, float] = field(default_factory=dict)
     located: dict[str, float] = field(default_factory=dict)
     """Time of the last accepted measurement, by kind in `LOCATING` [s]."""
@@ -206,7 +208,7 @@ class Ekf:
         self._noise = np.square([drift, drift, DRIFT[2], acceleration, angular_acceleration, bias_drift])
         self._bias_std = bias_std
         self._gates = [float(2.0 * gammaincinv(0.5 * size, gate)) for size in range(1, 4)]
-        self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(STATE_SIZE))
+        self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(NUM_REPORTED))
 
     def reset(
         self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float | None = None
@@ -224,7 +226,7 @@ class Ekf:
         if not (np.isfinite(state).all() and math.isfinite(time)):
             raise ValueError(f"pose, v, w and time must be finite, got {tuple(pose)}, {v!r}, {w!r}, {time!r}")
         covariance = np.array(covariance, dtype=np.float64)
-        _require_covariance(covariance, STATE_SIZE)
+        _require_covariance(covariance, NUM_REPORTED)
         covariance = np.pad(covariance, (0, 1))
         covariance[BIAS, BIAS] = self._bias_std**2
         self._moments = [_Moment(time, None, "accepted", state, covariance)]
@@ -315,7 +317,7 @@ class Ekf:
         self._clock = max(self._clock, time)
         state, covariance = self._predict(self._moments[index - 1], time)
         x, y, theta, v, w, bias = state.tolist()
-        covariance = covariance[:STATE_SIZE, :STATE_SIZE]
+        covariance = covariance[:NUM_REPORTED, :NUM_REPORTED]
         return Estimate(time, Pose2D(x, y, theta), v, w, 0.5 * (covariance + covariance.T), bias)
 
     def _predict(self, before: _Moment, time: float) -> tuple[np.ndarray, np.ndarray]:
@@ -411,11 +413,11 @@ def predict(state, covariance, duration, noise, max_step, turn_hold):
         state[Y] += state[V] * dt * s
         state[THETA] += state[W] * dt
         # F P by rows, then (F P) F^T by columns; five elements of F differ from the identity.
-        for j in range(STATE_SIZE + 1):
+        for j in range(STATE_SIZE):
             covariance[X, j] += turn_x * covariance[THETA, j] + dt * c * covariance[V, j]
             covariance[Y, j] += turn_y * covariance[THETA, j] + dt * s * covariance[V, j]
             covariance[THETA, j] += dt * covariance[W, j]
-        for i in range(STATE_SIZE + 1):
+        for i in range(STATE_SIZE):
             covariance[i, X] += turn_x * covariance[i, THETA] + dt * c * covariance[i, V]
             covariance[i, Y] += turn_y * covariance[i, THETA] + dt * s * covariance[i, V]
             covariance[i, THETA] += dt * covariance[i, W]
@@ -439,7 +441,7 @@ def see_landmark(state, x, y):
     """
     dx, dy = x - state[X], y - state[Y]
     distance = math.hypot(dx, dy)
-    jacobian = np.zeros((2, STATE_SIZE + 1))
+    jacobian = np.zeros((2, STATE_SIZE))
     if distance < MIN_DISTANCE:
         return np.full(2, np.nan), np.full_like(jacobian, np.nan)
     jacobian[0, X], jacobian[0, Y] = -dx / distance, -dy / distance
@@ -462,6 +464,6 @@ def _correct(state, covariance, jacobian, innovation, spread, noise):
     gain = np.ascontiguousarray(np.linalg.solve(spread, rows).T)
     state += np.dot(gain, innovation)
     state[THETA], state[BIAS] = wrap_angle(state[THETA]), wrap_angle(state[BIAS])
-    kept = np.eye(STATE_SIZE + 1) - np.dot(gain, jacobian)
+    kept = np.eye(STATE_SIZE) - np.dot(gain, jacobian)
     corrected = kept @ covariance @ kept.T + gain @ noise @ gain.T
     return 0.5 * (corrected + corrected.T)

@@ -12,7 +12,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 from .amcl import Amcl
-from .ekf import DRIFT, STATE_SIZE, TURN_HOLD, Ekf, Estimate, Kind, Measurement
+from .ekf import DRIFT, NUM_REPORTED, TURN_HOLD, Ekf, Estimate, Kind, Measurement
 
 FUSIONS: dict[str, tuple[Kind, ...]] = {
     "encoder": ("encoder",),
@@ -201,7 +201,7 @@ class FusedPose(Estimator):
             _, measurement, odometry = self._delayed.popleft()
             self.measurements.append(measurement)
             self._odometry_frame = Pose2D(*measurement.values).compose(odometry.inverse())
-        covariance = np.zeros((STATE_SIZE, STATE_SIZE))
+        covariance = np.zeros((NUM_REPORTED, NUM_REPORTED))
         covariance[:3, :3], covariance[3:, 3:] = localized.covariance, wheels.covariance
         v, w = wheels.values.tolist()
         self.localized = Estimate(reading.time, self._odometry_frame.compose(self._odometry), v, w, covariance)

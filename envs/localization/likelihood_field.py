@@ -5,9 +5,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.distance_transform import MAX_REACH, squared_distances

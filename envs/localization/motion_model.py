@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 
 from .amcl_params import AmclParams

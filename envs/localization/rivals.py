@@ -5,8 +5,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D
 
 from .likelihood_field import MAX_ENTRY, LikelihoodField, sum_fields

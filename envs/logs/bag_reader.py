@@ -4,6 +4,7 @@ import bz2
 import contextlib
 import functools
 import heapq
+import importlib.util
 import math
 import os
 import shutil
@@ -16,9 +17,9 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
-from rosbags import rosbag1, rosbag2
+from rosbags import rosbag2
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
-from rosbags.rosbag2 import storage_mcap, storage_sqlite3
+from rosbags.rosbag2 import storage_sqlite3
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.msg import normalize_msgtype
@@ -59,24 +60,35 @@ def _tolerant(parse: Callable[[Any], Any], default: Any) -> Any:
     return parse_or_default
 
 
+def _copy_of(module: str) -> Any:
+    """Return a copy of a module, whose functions may be replaced without effect on other readers of the process."""
+    spec: Any = importlib.util.find_spec(module)
+    copy = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(copy)
+    return copy
+
+
 _lz4, _zstd = _bounded(LZ4FrameDecompressor), _bounded(rosbag2.reader.zstd.ZstdDecompressor)
-rosbag1.reader.decompressors.update(bz2=_bounded(bz2.BZ2Decompressor), lz4=_lz4)
-storage_mcap.DECOMPRESSORS.update(lz4=_lz4, zstd=_zstd)
+_rosbag1, _mcap = _copy_of("rosbags.rosbag1.reader"), _copy_of("rosbags.rosbag2.storage_mcap")
+_rosbag1.decompressors.update(bz2=_bounded(bz2.BZ2Decompressor), lz4=_lz4)
+_mcap.DECOMPRESSORS.update(lz4=_lz4, zstd=_zstd)
 # Topics that are not needed may have schemas of other kinds (JSON), binary ones (Protobuf), or damaged metadata.
-_UNDEFINED, _read_text = MessageDefinition(MessageDefinitionFormat.NONE, ""), storage_mcap.read_bytes
-storage_mcap.get_msgdef = _tolerant(storage_mcap.get_msgdef, _UNDEFINED)
-storage_mcap.get_qos = _tolerant(storage_mcap.get_qos, [])
-storage_mcap.read_string = lambda bio: _read_text(bio).decode(errors="replace")
+_UNDEFINED, _read_text = MessageDefinition(MessageDefinitionFormat.NONE, ""), _mcap.read_bytes
+_mcap.get_msgdef, _mcap.get_qos = _tolerant(_mcap.get_msgdef, _UNDEFINED), _tolerant(_mcap.get_qos, [])
+_mcap.read_string = lambda bio: _read_text(bio).decode(errors="replace")
+_McapReader: Any = _mcap.McapReader
 
 
-class _Mcap(storage_mcap.McapReader):
+class _Mcap(_McapReader):
     """MCAP reader without the limits of `rosbags` on profiles, indexes, and the order of messages."""
+
+    connections: list[Connection]
 
     def _open(self) -> None:
         file: Any = self.bio
         if file.read(9) != MCAP_MAGIC + b"\x01":
             raise ValueError("does not begin as an MCAP file")
-        storage_mcap.read_sized(file)  # profile and library
+        _mcap.read_sized(file)  # profile and library
         self.data_start = file.tell()
         end, footer = file.seek(-FOOTER_SIZE, os.SEEK_END), file.read()
         if footer[-8:] != MCAP_MAGIC:
@@ -90,7 +102,7 @@ class _Mcap(storage_mcap.McapReader):
         if not found or sizes != (found.schema_count, found.channel_count, found.message_count):
             self.connections.clear()
             self.meta_scan()
-            counts = self.statistics.channel_message_counts  # type: ignore[union-attr]
+            counts = self.statistics.channel_message_counts
         self.connections = [each._replace(msgcount=counts.get(each.id, 0)) for each in self.connections]
 
     def messages(self, connections: Any, *_: Any) -> Any:
@@ -229,7 +241,7 @@ def open_bag(path: Path) -> Iterator[BagReader]:
 
 def _files_of(path: Path, metadata: Any, stack: contextlib.ExitStack) -> tuple[list[Any], bool]:
     if metadata is None:
-        return [rosbag1.Reader(path) if path.suffix == ".bag" else _Mcap(path)], False
+        return [_rosbag1.Reader(path) if path.suffix == ".bag" else _Mcap(path)], False
     about = metadata["rosbag2_bagfile_information"]
     storage, packing = about["storage_identifier"], (about.get("compression_mode") or "none").lower()
     if storage not in (readers := {"mcap": _Mcap, "sqlite3": _Sqlite}):

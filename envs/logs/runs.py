@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from PIL import Image, ImageDraw
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.estimation.belief import check_belief
 from lidarnaut.envs.files import with_defaults, write_file

@@ -2,9 +2,9 @@
 
 import numpy as np
 from gymnasium import spaces
-from numba import njit
 
 from lidarnaut.envs.arguments import is_number, is_whole
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.map_pyramid import crop_level
 from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.files import load_object
 from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost

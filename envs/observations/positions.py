@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numba import njit
 
 from lidarnaut.envs.arguments import is_whole
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robot import Robot

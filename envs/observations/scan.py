@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 from gymnasium import spaces
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 from gymnasium import spaces
-from numba import njit
 
 from lidarnaut.envs.arguments import is_number, is_whole
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.pose import between, compose
 from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.robot import Robot

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 from gymnasium import spaces
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.scan_clusters import CLUSTER_SIZE
 from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, beam_end, is_on_body
 from lidarnaut.envs.estimation.tracking import (

@@ -42,7 +42,7 @@ class BulletSimulator(Simulator):
 
     def set_robot(self, robot: RobotParams) -> None:
         super().set_robot(robot)
-        self._arguments = robot, self._period, len(self.rows.numbers), self.crowd.crowd
+        self._arguments = robot, self._period, len(self.rows.numbers), self.crowd.params
         self._substeps = int(robot_record(robot, self._period).substeps)
         fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
         self._reach = 2.0 * (robot.radius + fastest * self._period)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.robots import BodyParams, RobotParams
 from lidarnaut.envs.worlds import World

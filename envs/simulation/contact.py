@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance, segment_offset
 from lidarnaut.envs.worlds import World

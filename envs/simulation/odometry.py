@@ -2,8 +2,7 @@
 
 import math
 
-from numba import njit
-
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.pose import compose
 from lidarnaut.envs.geometry.rows import write_row

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.geometry.rows import write_row

@@ -5,8 +5,8 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.raycast import Beams, cast_rays
 from lidarnaut.envs.geometry.scan_resampling import resample_scan
 from lidarnaut.envs.robots import LidarParams

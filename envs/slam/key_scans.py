@@ -3,8 +3,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import NO_UPDATE, Belief, Estimator, MapUpdate
 from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits
 from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D, wrap_angle

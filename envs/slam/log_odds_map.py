@@ -8,8 +8,8 @@ import math
 from typing import NamedTuple, Self
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import MapUpdate
 from lidarnaut.envs.geometry import UNKNOWN, Pose2D, Window
 from lidarnaut.envs.robots import LidarParams

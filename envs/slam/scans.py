@@ -1,8 +1,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 

@@ -4,9 +4,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from lidarnaut.envs.arguments import check_positive
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.navigation.planners import GoalPlanner

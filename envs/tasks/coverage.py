@@ -2,9 +2,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import MapUpdate
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.robots import LidarParams

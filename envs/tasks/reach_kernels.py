@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.geometry.pose import distance, wrap_angle
 from lidarnaut.envs.simulation import records as at

@@ -5,10 +5,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
 from lidarnaut.envs.arguments import is_number
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.clearance import clearance, segment_offset
 from lidarnaut.envs.measures import SWEEP
 from lidarnaut.envs.robot import Robot

@@ -1,9 +1,9 @@
 """Rasterization and validity checks of worlds."""
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.geometry.lines import next_cell, start_walk

@@ -2,8 +2,8 @@ import math
 from itertools import product
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.lines import cell_along, longest_step
 from lidarnaut.envs.progress import Progress
 

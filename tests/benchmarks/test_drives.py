@@ -9,13 +9,12 @@ from lidarnaut.benchmarks.drives import localization, teams
 from lidarnaut.benchmarks.drives.__main__ import main, table
 from lidarnaut.benchmarks.drives.localization import compare_amcl, load_known_world, record_from_anywhere, symmetries
 from lidarnaut.benchmarks.drives.maps import wrong_cells
-from lidarnaut.benchmarks.drives.recording import LOG, Drive, first_time, right_since, run_each
+from lidarnaut.benchmarks.drives.recording import Drive, first_time, right_since, run_each
 from lidarnaut.benchmarks.drives.slams import compare_kidnapped, compare_slams
 from lidarnaut.benchmarks.drives.times import time_amcl, time_planning
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.rendering import style
-
-no_log = pytest.mark.skipif(not LOG.is_file(), reason=f"the Intel log is not at {LOG}; set LIDARNAUT_DATA")
+from tests.data import INTEL, needs_intel
 
 
 def test_a_drive_is_what_the_robot_saw_and_is_repeatable():
@@ -88,11 +87,20 @@ def test_kidnapped_robots_are_counted_by_world_and_together():
     assert rows[0]["relocalized_after_s"] is None
 
 
-@no_log
+def test_the_log_is_passed_or_in_the_folder_of_data(monkeypatch, tmp_path):
+    monkeypatch.delenv("LIDARNAUT_DATA", raising=False)
+    with pytest.raises(ValueError, match="pass --log FILE, or set LIDARNAUT_DATA"):
+        localization.compare_on_log()
+    monkeypatch.setenv("LIDARNAUT_DATA", str(tmp_path))
+    with pytest.raises(FileNotFoundError, match=str(tmp_path / "intel" / "scans_2725.npz")):
+        localization.compare_on_log()
+
+
+@needs_intel
 def test_amcl_on_a_log(monkeypatch):
     monkeypatch.setattr(localization, "FILTERS", {"default": localization.NO_RELOCALIZATION})
     monkeypatch.setattr(localization, "LOG_SEEDS", range(100, 101))
-    (row,) = localization.compare_on_log()
+    (row,) = localization.compare_on_log(INTEL / "scans_2725.npz")
     assert row["position_rmse_m"] < 0.07
     assert row["lost_share"] == 0.0
 

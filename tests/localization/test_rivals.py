@@ -103,7 +103,7 @@ def test_a_known_start_among_look_alikes_is_tracked(preset):
 
 
 def test_a_kidnapped_robot_among_look_alikes_is_lost():
-    walls = ALIKE["four rooms"][0]
+    walls = np.vstack([ROOM, ROOM + (5, 0, 5, 0)])
     amcl = started(Pose2D(1.0, 1.0, 0.0), walls)
     list(drive(amcl, walls, straight((1.0, 1.0), (2.5, 1.0))))
     there = straight((7.0, 2.5), (6.0, 1.5), (8.5, 1.5), (7.5, 2.0), (6.5, 1.0), (7.5, 1.0))
@@ -127,14 +127,13 @@ def test_a_piece_of_furniture_that_comes_into_view_decides(has_chest):
     x = 0.0 if has_chest else 6.0
     before = straight((x + 4.5, 1.0), (x + 2.6, 1.0), (x + 4.5, 1.0), (x + 2.6, 1.0))
     after = straight((x + 2.6, 1.0), (x + 0.8, 1.0), (x + 0.8, 4.0))
-    for seed in range(3):
-        amcl = started(None, walls, seed)
-        assert all(belief.is_lost for belief, _ in drive(amcl, walls, before))
-        assert len(amcl.belief.hypotheses) == 2
-        for belief, pose in drive(amcl, walls, after, before[-1]):
-            assert belief.is_lost or off(belief, pose) < 0.2
-        assert not belief.is_lost
-        assert len(belief.hypotheses) == 1
+    amcl = started(None, walls)
+    assert all(belief.is_lost for belief, _ in drive(amcl, walls, before))
+    assert len(amcl.belief.hypotheses) == 2
+    for belief, pose in drive(amcl, walls, after, before[-1]):
+        assert belief.is_lost or off(belief, pose) < 0.2
+    assert not belief.is_lost
+    assert len(belief.hypotheses) == 1
 
 
 def test_hypotheses_follow_odometry_between_scans_that_are_used():

@@ -2,6 +2,8 @@ import math
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import reader
+from rosbags.rosbag2 import storage_mcap
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs import load_log
@@ -329,3 +331,9 @@ def test_scans_and_poses_that_are_left_out_are_counted(tmp_path):
     assert len(log.ranges) == 11
     assert "9 of 20 scans are left out: outside the time of the odometry, 10.000 to 20.700 s" in log.notes
     assert "2 transforms or poses of 'base_link' are ignored: not finite, or invalid rotation" in log.notes
+
+
+def test_readers_of_rosbags_itself_are_unchanged():
+    for module, unpackers in ((reader, reader.decompressors), (storage_mcap, storage_mcap.DECOMPRESSORS)):
+        used = [*vars(module).values(), *unpackers.values()]
+        assert [each for each in used if (getattr(each, "__module__", None) or "").startswith("lidarnaut")] == []

@@ -1,8 +1,6 @@
 import io
 import math
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +10,7 @@ from lidarnaut.envs.logs.log import Log
 from lidarnaut.envs.logs.relations import load_labelled
 from lidarnaut.envs.logs.runs import conflict_share
 from lidarnaut.envs.robots import LidarParams, Mount
-
-DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
+from tests.data import INTEL, needs_intel
 
 
 def test_relation_error_by_hand(tmp_path):
@@ -83,13 +79,13 @@ def test_trajectory_errors_wrap_headings():
     assert (distance[0], angle[0]) == pytest.approx((5.0, 2 * math.pi - 6.2))
 
 
-@needs_data
+@needs_intel
 def test_intel_raw_odometry_has_its_known_error():
-    log, relations = load_log(DATA / "scans_2725.npz"), load_relations(DATA / "intel.relations")
+    log, relations = load_log(INTEL / "scans_2725.npz"), load_relations(INTEL / "intel.relations")
     error = relation_error(log.times, log.odometry, relations)
     assert error.count == 2984
     assert error.translation == pytest.approx(7.38, abs=0.01)
-    unambiguous = relation_error(log.times, log.odometry, relations[np.load(DATA / "unambiguous_relations.npy")])
+    unambiguous = relation_error(log.times, log.odometry, relations[np.load(INTEL / "unambiguous_relations.npy")])
     assert unambiguous.translation == pytest.approx(6.66, abs=0.01)
 
 

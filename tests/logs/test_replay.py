@@ -16,8 +16,8 @@ from lidarnaut.envs.logs.log import load_log
 from lidarnaut.envs.logs.replay import Options, main
 from lidarnaut.envs.logs.runs import picture, replay, save_g2o
 from lidarnaut.envs.slam import DEFAULT_SLAM, SLAM_NAMES, Belief
+from tests.data import INTEL, needs_intel
 from tests.logs.test_logs import CARMEN
-from tests.logs.test_relations import DATA, needs_data
 
 
 class TurningSlam:
@@ -280,10 +280,10 @@ def test_replay_begins_with_the_slam_of_environments_and_no_preset_of_one_log(lo
     assert (options.slam, options.preset) == (DEFAULT_SLAM, "default")
 
 
-@needs_data
+@needs_intel
 @pytest.mark.parametrize("slam", ["hector", "graph", "gmapping", "tinyslam"])
 def test_the_sparse_preset_holds_where_scans_are_far_apart(slam, capsys):
-    options = Options(DATA / "scans_2725.npz", slam=slam, preset="sparse", relations=DATA / "intel.relations")
+    options = Options(INTEL / "scans_2725.npz", slam=slam, preset="sparse", relations=INTEL / "intel.relations")
     (run,) = main(dataclasses.replace(options, thin=(1.0, 0.65)))
     assert run.errors["final relation error"].translation < 0.2
     assert run.conflict_share < 0.18
@@ -345,7 +345,7 @@ def test_picture_shows_low_y_at_the_bottom():
     assert image.getpixel((0, 0)) == (190, 190, 190)
 
 
-@needs_data
+@needs_intel
 @pytest.mark.parametrize(
     ("slam", "seed", "online", "final", "rotation"),
     [  # single seeds of GMapping: 0.048 to 0.080 m
@@ -356,7 +356,7 @@ def test_picture_shows_low_y_at_the_bottom():
     ],
 )
 def test_slams_map_the_intel_research_lab(slam, seed, online, final, rotation, capsys):
-    options = Options(DATA / "scans_2725.npz", slam=slam, preset="intel", relations=DATA / "intel.relations")
+    options = Options(INTEL / "scans_2725.npz", slam=slam, preset="intel", relations=INTEL / "intel.relations")
     (run,) = main(dataclasses.replace(options, first_seed=seed))
     assert run.errors["online relation error"].translation < online
     assert run.errors["final relation error"].translation < final

@@ -10,7 +10,7 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import DwbParams, GoalNavigator, GoalParams, Navigator
 from lidarnaut.envs.navigation.controllers.reactive_driving import ReactiveDriver
-from lidarnaut.envs.navigation.goals.goal_navigator import LOCAL_PLANNERS
+from lidarnaut.envs.navigation.goals.goal_navigator import local_planners
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
@@ -50,7 +50,7 @@ def drive(navigator, is_bumped=lambda k: False, is_held=lambda k: False):
 
 
 @pytest.mark.parametrize(
-    ("planner", "physics"), [*((name, "kinematic") for name in LOCAL_PLANNERS), ("rpp", "bullet"), ("mppi", "bullet")]
+    ("planner", "physics"), [*((name, "kinematic") for name in local_planners()), ("rpp", "bullet"), ("mppi", "bullet")]
 )
 def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
     if physics == "bullet":

@@ -26,6 +26,7 @@ from lidarnaut.envs.vector import LidarEnvs, make_vec
 from tests import own_code
 from tests.rollouts import step_both
 from tests.rooms import make_room
+from tests.test_contract import TASKS
 
 SMALL = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "control_hz": 5.0}
 REACH = {**SMALL, "slam": "hector", "contact": "costs"}
@@ -38,7 +39,7 @@ CASES = {
     "sweep": ("Sweep", SMALL),
     "reach": ("ReachGoal", {**REACH, "people": 2, "randomize": TRUE_LIMITS}),
     "bearing": ("ReachGoal", {**REACH, "goal_given": "bearing"}),
-    "track": ("Track", {"physics": "kinematic", "map_resolution": 0.1}),
+    "track": ("Track", TASKS["Track"]),
 }
 TURNING = np.array([0.6, 0.3], dtype=np.float32)
 

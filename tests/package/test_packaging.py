@@ -7,6 +7,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -88,3 +89,28 @@ def test_classifiers_name_the_pythons_that_run_the_tests():
     assert PROJECT["requires-python"].removeprefix(">=") == min(named, key=lambda version: int(version[2:]))
     tested = re.findall(r"python(3\.\d+)", (ROOT / ".ci" / "run").read_text() + (ROOT / "Makefile").read_text())
     assert set(tested) <= named
+
+
+def test_continuous_integration_runs_what_developers_run():
+    (path,) = (ROOT / ".github" / "workflows").iterdir()
+    workflow = yaml.load(path.read_text(), yaml.BaseLoader)  # `on` is a key, not True
+    commands = [step.get("run") for job in workflow["jobs"].values() for step in job["steps"]]
+    assert "pull_request" in workflow["on"]
+    assert commands[-2:] == ["make check", ".ci/run"]
+    versions = workflow["jobs"]["tests"]["steps"][1]["with"]["python-version"].split()
+    used = re.findall(r"python(3\.\d+)", (ROOT / ".ci" / "run").read_text() + (ROOT / "Makefile").read_text())
+    assert set(versions) == set(used)
+
+
+def test_forms_of_issues_ask_distinct_questions():
+    for name in ("bug", "feature"):
+        form = yaml.safe_load((ROOT / ".github" / "ISSUE_TEMPLATE" / f"{name}.yml").read_text())
+        assert {"name", "description", "body"} <= form.keys()
+        questions = [(question["id"], question["attributes"]["label"]) for question in form["body"]]
+        assert len(set(questions)) == len(questions) >= 3
+
+
+def test_commits_are_checked_by_the_ruff_of_the_project():
+    (repository,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"]
+    assert f"ruff=={repository['rev'].removeprefix('v')}" in (ROOT / "constraints.txt").read_text().splitlines()
+    assert {hook["id"] for hook in repository["hooks"]} == {"ruff-check", "ruff-format"}

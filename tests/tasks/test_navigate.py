@@ -150,15 +150,14 @@ def test_a_map_may_lie_anywhere():
     np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("room", [0, 1])
-def test_a_robot_in_one_of_two_equal_rooms_looks_on_until_it_knows_which(room):
+def test_a_robot_in_one_of_two_equal_rooms_looks_on_until_it_knows_which():
     lines = [(0, 0, 6, 0), (0, 0, 0, 2), (6, 0, 6, 2), *edges_of(4.8, 0.0, 5.2, 0.4)]
     for x in (0, 3):
         lines += [(x, 2, x, 5), (x + 3, 2, x + 3, 5), (x, 5, x + 3, 5), (x, 2, x + 1, 2), (x + 2, 2, x + 3, 2)]
         lines += edges_of(x + 0.2, 4.2, x + 0.8, 4.8)
     segments = np.array(lines, dtype=float)
     world = World("rooms", segments, np.empty((0, 3)), (Pose2D(1.5, 3.5, 0.0),), (-0.1, -0.1, 6.1, 5.1))
-    start, goal = (1.5 + 3 * room, 3.5, 0.3), (0.6, 0.6, 0.0)
+    start, goal = (4.5, 3.5, 0.3), (0.6, 0.6, 0.0)
     env = LidarEnv(Navigate, world=world, physics="kinematic", initial_pose="unknown", start=start, goal=goal)
     driver, seen = GoalNavigator(), []
     observation, info = begin_episode(env, driver, 0, np.random.default_rng(0))

@@ -1,8 +1,8 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits
 from lidarnaut.envs.navigation.maps.obstacles import stoppable_share
 from lidarnaut.envs.robots import RobotParams

@@ -7,8 +7,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED

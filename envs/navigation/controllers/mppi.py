@@ -11,8 +11,8 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.scan_points import without_bodies
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances

@@ -9,8 +9,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.navigation.controllers.local_planner import LocalPlanner

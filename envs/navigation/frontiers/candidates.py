@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pydantic
-from numba import njit
 from pydantic import PositiveFloat
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.geometry import OCCUPIED_FROM

@@ -7,8 +7,8 @@ Arrays: `occupancy`, shape (height, width), int8; `frontier` and `ignored` (excl
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid, Window
 from lidarnaut.envs.geometry.lines import cell_along
 from lidarnaut.envs.geometry.pose import wrap_angle

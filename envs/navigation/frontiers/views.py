@@ -7,8 +7,8 @@ indoor environments", 2002).
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import OCCUPIED, OCCUPIED_FROM, OccupancyGrid
 from lidarnaut.envs.geometry.occupancy_grid import crop_to_known
 from lidarnaut.envs.navigation.frontiers.frontiers import is_visible

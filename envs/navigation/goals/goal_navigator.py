@@ -51,7 +51,9 @@ APPROACH_DISTANCE = 0.3
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Search around the goal: distance between search points, and maximum path length to the next point [m]."""
 HOME = (0.0, 0.0)
+"""Start of the episode (x, y), map frame [m]."""
 ON_KNOWN_MAPS = PlanningParams(cell=0.05, tight_radii=(1.0, 0.75))
+"""Planning parameters for known maps: gaps at least as wide as 0.75 of the footprint."""
 ON_GROWING_MAPS = PlanningParams(
     cell=0.05, padding=0.0, tight_radii=(0.9, 0.5, 0.25), marking_range=8.0, clearing_range=8.5
 )
@@ -59,12 +61,17 @@ ON_GROWING_MAPS = PlanningParams(
 NUM_FITTING = 2
 """Number of footprint radii, from the largest, tried first on growing maps. Smaller radii are a last resort."""
 MakePlanner = Callable[[RobotParams, float, np.random.Generator], LocalPlanner]
-LOCAL_PLANNERS: dict[str, MakePlanner] = {
-    "rpp": lambda robot, period, _: PathFollower(robot, period),
-    "rpp:fast": lambda robot, period, _: PathFollower(robot, period, FAST),
-    "dwb": lambda robot, period, _: DwbPlanner(robot, period),
-    "mppi": MppiPlanner,
-}
+"""Makes a local planner from robot, control period [s] and random generator."""
+
+
+def local_planners(dwb: DwbParams = DwbParams()) -> dict[str, MakePlanner]:
+    """Return the makers of the local planners by name; `dwb`: parameters of the planner of this name."""
+    return {
+        "rpp": lambda robot, period, _: PathFollower(robot, period),
+        "rpp:fast": lambda robot, period, _: PathFollower(robot, period, FAST),
+        "dwb": lambda robot, period, _: DwbPlanner(robot, period, dwb),
+        "mppi": MppiPlanner,
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +137,7 @@ class GoalNavigator(Explorer):
         self._robot, self._period = robot, control_period
         limits = NavigatorParams(goal_tolerance=0.0, max_recoveries=self.params.max_recoveries)
         self._navigator = Navigator(robot, control_period, limits)
-        makers = {**LOCAL_PLANNERS, "dwb": lambda robot, period, _: DwbPlanner(robot, period, self.dwb or DwbParams())}
+        makers = local_planners(self.dwb or DwbParams())
         planner = resolve(self.params.local_planner, makers, "local planner")(robot, control_period, rng)
         self._planner: LocalPlanner = with_defaults(planner, LocalPlanner)
         tracks = self.params.track_people

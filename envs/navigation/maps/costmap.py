@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pydantic
-from numba import njit
 from pydantic import NonNegativeFloat, PositiveFloat
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 

@@ -3,7 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from lidarnaut.envs.compilation import njit
 
 NO_POINTS = np.empty((0, 2))
 SIGHT_STEP = 0.02

@@ -7,8 +7,8 @@ Planning cells are blocks of map cells. `occupancy`, `marks`: occupancy of plann
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OCCUPIED_FROM
 from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from lidarnaut.envs.navigation.maps.costmap import inflate

@@ -72,16 +72,19 @@ class DwbParams:
     max_vel_theta: PositiveFloat = 1.0
     """Maximum yaw rate [rad/s]."""
     acc_lim_x: PositiveFloat | None = None
+    """Forward acceleration in simulated trajectories [m/s2]; None for that of the robot."""
     acc_lim_theta: PositiveFloat | None = None
-    """Forward and yaw acceleration in simulated trajectories [m/s2, rad/s2]; None for those of the robot."""
+    """Yaw acceleration in simulated trajectories [rad/s2]; None for that of the robot."""
     vx_samples: Samples = 20
+    """Number of sampled forward speeds."""
     vtheta_samples: Samples = 20
-    """Numbers of sampled forward speeds and yaw rates."""
+    """Number of sampled yaw rates."""
     sim_time: Annotated[float, Field(gt=0, le=10)] = 1.7
     """Duration of a simulated trajectory [s]."""
     linear_granularity: Granularity = 0.05
+    """Maximum distance between poses of a trajectory [m]."""
     angular_granularity: Granularity = 0.025
-    """Maximum distance [m] and turn [rad] between poses of a trajectory."""
+    """Maximum turn between poses of a trajectory [rad]."""
     xy_goal_tolerance: PositiveFloat = 0.25
     """Distance to the goal that starts the final turn [m]."""
     trans_stopped_velocity: PositiveFloat = 0.25
@@ -93,15 +96,21 @@ class DwbParams:
     x_only_threshold: NonNegativeFloat = 0.05
     """Forward speed above which changes of the turning direction do not count as oscillation [m/s]."""
     oscillation_reset_dist: NonNegativeFloat = 0.05
+    """Distance from the last reversal beyond which the robot may reverse again [m]."""
     oscillation_reset_angle: NonNegativeFloat = 0.2
-    """Distance [m] or angle [rad] from the last reversal after which the robot may reverse again."""
+    """Turn since the last reversal beyond which the robot may reverse again [rad]."""
     base_obstacle_scale: Weight = 0.02
+    """Weight of the traversal cost along the trajectory."""
     path_align_scale: Weight = 32.0
+    """Weight of the distance from the path, for the point ahead of the final pose."""
     goal_align_scale: Weight = 24.0
+    """Weight of the distance from the local goal, for the point ahead of the final pose."""
     path_dist_scale: Weight = 32.0
+    """Weight of the distance from the path, for the final position."""
     goal_dist_scale: Weight = 24.0
+    """Weight of the distance from the local goal, for the final position."""
     rotate_to_goal_scale: Weight = 32.0
-    """Weights of the critics: traversal cost, distances to path and goal (point ahead, and robot), heading error."""
+    """Weight of the final heading error near the goal."""
     width: Annotated[float, Field(gt=0, le=20)] = 3.0
     """Minimum side of the square local costmap [m]; larger if trajectories are longer."""
     resolution: Annotated[float, Field(ge=0.02, le=1)] = 0.05

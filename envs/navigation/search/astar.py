@@ -7,8 +7,8 @@ Path costs are integers, for reproducible results. A straight step over a free c
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.navigation.maps.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN
 
 STRAIGHT = 70

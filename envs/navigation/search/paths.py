@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.geometry.rows import write_row

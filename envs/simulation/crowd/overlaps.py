@@ -3,7 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from lidarnaut.envs.compilation import njit
 
 from . import person_row as at
 from .walls import clearance, push_out

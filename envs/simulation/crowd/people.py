@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.worlds import World
 
@@ -24,7 +24,8 @@ class People:
     """Simulated people of an episode: first those on fixed routes of the world, then a randomly placed crowd."""
 
     def __init__(self, crowd: Crowd | None = None) -> None:
-        self.crowd = crowd
+        self.params = crowd
+        """Parameters of the crowd, or None."""
         self.rows = np.empty((0, at.PERSON_SIZE))
         """State vectors of the people, shape (n, PERSON_SIZE), float64; columns: see module `person_row`."""
         self.points = np.empty((0, 3))
@@ -49,7 +50,7 @@ class People:
             row[[at.RADIUS, at.SPEED, at.KIND, at.GOAL]] = route.radius, route.speed, at.FIXED_ROUTE, first + 1
             following = first + np.roll(np.arange(len(route.waypoints)), -1)
             self.points = np.vstack([self.points, np.column_stack([route.waypoints, following])])
-        if (crowd := self.crowd) is None or rng is None:
+        if (crowd := self.params) is None or rng is None:
             return
         routes, first = plan_routes(world, crowd.radius[1], crowd.flow), len(self.points)
         people = draw_people(crowd, routes, poses, radius, self.rows, rng, world)

@@ -4,9 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.worlds import World
 from lidarnaut.envs.worlds.raster import rasterize
 from lidarnaut.envs.worlds.world import kept_with_world

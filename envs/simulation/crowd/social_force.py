@@ -8,9 +8,9 @@ import math
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numba import njit
 from pydantic import Field
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.robots.robot_params import Share
 
 from . import person_row as at

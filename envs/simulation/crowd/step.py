@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.simulation import records as robots_at

@@ -4,7 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from lidarnaut.envs.compilation import njit
 
 WALL_RANGE = 0.4
 """Maximum gap between a person and an obstacle that affects the person [m]."""

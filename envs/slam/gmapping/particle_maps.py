@@ -1,8 +1,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import NO_CELLS, MapUpdate
 from lidarnaut.envs.geometry import UNKNOWN, Window
 from lidarnaut.envs.robots import LidarParams

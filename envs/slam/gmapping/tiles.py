@@ -7,8 +7,8 @@ A tile holds `TILE` x `TILE` cells of the finest resolution, then the coarser re
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import UNKNOWN
 
 from ..matching.gauss_newton import at_level, neighbours

@@ -3,8 +3,8 @@ from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams

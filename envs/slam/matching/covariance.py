@@ -2,8 +2,8 @@ import math
 from typing import NamedTuple, Self
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.robots import OdometryNoise
 
 NOISE_PER_HIT = 0.02

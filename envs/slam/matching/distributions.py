@@ -6,7 +6,7 @@ position. Distributions locate walls more precisely than the side of a cell, so 
 
 import math
 
-from numba import njit
+from lidarnaut.envs.compilation import njit
 
 from .gauss_newton import Fit, solve
 

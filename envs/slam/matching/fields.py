@@ -2,8 +2,8 @@ import math
 from typing import NamedTuple, Self
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.occupancy_grid import crop_to_known
 

@@ -13,9 +13,9 @@ from functools import singledispatch
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import overload
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.lookup import load
 
 MAX_TURN = 0.2

@@ -2,8 +2,8 @@ import math
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.pose import distance

@@ -7,8 +7,8 @@ along a corridor gets a long ellipse, which the curvature at the optimum would n
 from functools import cache
 
 import numpy as np
-from numba import njit
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D
 
 from .branch_and_bound import SearchWindow, discretise, total_at

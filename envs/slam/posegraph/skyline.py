@@ -8,7 +8,8 @@ chapter 4). The fixed order of sums gives equal results on all processors.
 import math
 
 import numpy as np
-from numba import njit
+
+from lidarnaut.envs.compilation import njit
 
 LEAST_PIVOT = 1e-11
 """Pivot, divided by the diagonal entry, below which an unknown is undetermined."""

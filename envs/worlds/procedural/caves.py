@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
+
+from lidarnaut.envs.compilation import njit
 
 from ..world import World
 from .plan import Size, world_within
