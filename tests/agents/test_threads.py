@@ -8,10 +8,10 @@ from stable_baselines3.common.logger import Logger
 from torch import nn
 
 import lidarnaut
-from lidarnaut.agents.algorithms import build_model
 from lidarnaut.agents.config import parse_config
 from lidarnaut.agents.threads import split_batches
 from lidarnaut.agents.vec_env import make_vec_env
+from tests.agents.tiny import untrained
 
 ROBOTS = ("turtlebot3_burger", "turtlebot3_burger")
 TRAJECTORIES = ("trajectories", "goal", "motion", "limits")
@@ -24,7 +24,7 @@ def make(algorithm, id, num_envs=2, num_threads=1, network=None, hyperparameters
     data |= {"hyperparameters": {"n_steps": 4} | (hyperparameters or {}), "torch_threads": num_threads}
     config = parse_config(data, "test")
     env = make_vec_env(config)
-    model = build_model(config, env)
+    model = untrained(config, env)
     model.set_logger(Logger(None, []))
     return env, model
 

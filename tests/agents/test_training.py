@@ -1,25 +1,32 @@
+import contextlib
 import copy
 import os
 import platform
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
+from unittest.mock import DEFAULT, Mock
 
+import numpy as np
 import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from lidarnaut.agents.algorithms import num_updates
+from lidarnaut.agents import algorithms, learning
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import curve_of, read_evaluations
 from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, new_run, write_evaluations
+from lidarnaut.agents.state import is_finite
 from lidarnaut.agents.training import train
+from lidarnaut.agents.vec_env import make_vec_env
 from lidarnaut.envs.files import Lock, LockedError, dump_record, parse_record, read_record
 from lidarnaut.train_command import main
 from tests.agents.fake_env import ID
+from tests.agents.tiny import untrained
 
 ROOT = Path(__file__).parents[2]
 
@@ -154,7 +161,7 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path,
     logged = [event.step for event in events]
     assert logged == sorted(set(logged))
     # The learning rate falls to one update's share of the initial rate.
-    assert events[-1].value == pytest.approx(7e-4 * 2 / num_updates(config))
+    assert events[-1].value == pytest.approx(7e-4 * 2 / (1280 // 128))
 
 
 @pytest.fixture(scope="module")
@@ -200,6 +207,30 @@ def test_a_training_that_diverges_says_so_and_leaves_good_checkpoints(tiny_data,
     )
     lower = ["--hyperparameters.learning-rate", "1e-3", "--total-steps", "128"]
     assert main(["--resume", str(good), "--trust", ID, *lower]) == 0
+
+
+def test_weights_and_outputs_that_overflow_are_not_finite_without_an_error_of_torch(tiny_config):
+    with contextlib.closing(make_vec_env(tiny_config)) as env:
+        model = untrained(tiny_config, env)
+        assert is_finite(model)  # before the first episode
+        model._last_obs = env.reset()
+        assert is_finite(model)
+        weight = model.policy.action_net.weight.data
+        for number in (1e38, np.nan):
+            weight[:] = number
+            assert not is_finite(model)
+
+
+def test_an_algorithm_is_looked_up_and_inspected_once_per_training(tiny_data, tmp_path, monkeypatch):
+    calls, names = Counter(), ("find_algorithm", "_parameters", "_read_network", "prepare")
+    for name in names:
+        counted = Mock(
+            wraps=getattr(algorithms, name), side_effect=lambda *_, name=name: calls.update([name]) or DEFAULT
+        )
+        for module in (algorithms, learning):
+            monkeypatch.setattr(module, name, counted, raising=False)
+    train(changed(tiny_data, total_steps=128), run=tmp_path / "run", progress=False)
+    assert calls == dict.fromkeys(names, 1)
 
 
 def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it(tiny_data, tmp_path):

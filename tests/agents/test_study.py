@@ -8,7 +8,7 @@ import pytest
 from lidarnaut import train_command as train
 from lidarnaut.agents.config import EvolutionConfig
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.agents.sweep import expand, run_sweep
+from lidarnaut.agents.study import expand, run_study
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
 
@@ -37,7 +37,7 @@ def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture_per_ta
     assert (folder / "two.png").read_bytes().startswith(b"\x89PNG")
     assert "gamma 0.99" in capsys.readouterr().out
     trained = []
-    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, **how: trained.append(how["resume"]))
+    monkeypatch.setattr("lidarnaut.agents.learning.run_training", lambda config, **how: trained.append(how["resume"]))
     runs = sorted(path for path in folder.iterdir() if path.is_dir())
     assert train.main(["--resume", str(folder), "--trust", "tests"]) == 0
     assert trained == []
@@ -113,7 +113,7 @@ def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(data, tmp_path, 
 
 def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
     folder, data = tmp_path / "sweep", data | {"seeds": [0]}
-    run_sweep(data, "mem", resume=folder, progress=False)
+    run_study(data, "mem", resume=folder, progress=False)
     swept = (folder / "sweep.yaml").read_text()
     for changes, says in (
         ({"sweep": {"hyperparameters.gamma": [0.9, 0.98]}}, "001_gamma=0.99__0 is no longer in the sweep: sweep, ex"),
@@ -128,13 +128,13 @@ def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
         ({"network": {"hidden": 8}}, "network.hidden: 64, not 8"),
     ):
         with pytest.raises(CheckpointError, match=says):
-            run_sweep(data | changes, "mem", resume=folder, progress=False)
+            run_study(data | changes, "mem", resume=folder, progress=False)
     assert (folder / "sweep.yaml").read_text() == swept
     more = data | {"sweep": {"hyperparameters.gamma": [0.9, 0.99, 0.5]}, "checkpoints": {"every": 128}}
-    run_sweep(more, "mem", resume=folder, progress=False)
+    run_study(more, "mem", resume=folder, progress=False)
     assert read_table(folder / "sweep.csv", "hyperparameters.gamma") == [[0.9], [0.99], [0.5]]
     times = {path: path.read_text() for path in folder.glob("*/processor_time")}
-    run_sweep(more | {"seeds": [0, 1]}, "mem", resume=folder, progress=False)
+    run_study(more | {"seeds": [0, 1]}, "mem", resume=folder, progress=False)
     rows = [[gamma, seed] for gamma in (0.9, 0.99, 0.5) for seed in (0, 1)]
     assert read_table(folder / "sweep.csv", "hyperparameters.gamma", "seed") == rows
     assert len(list(folder.glob("*/config.yaml"))) == 6
@@ -144,9 +144,9 @@ def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
 
 def test_a_single_run_does_not_become_a_sweep(data, tiny_run):
     with pytest.raises(ValueError, match="jobs must be at least 1, got 0"):
-        run_sweep(data, "mem", resume=tiny_run, jobs=0, progress=False)
+        run_study(data, "mem", resume=tiny_run, jobs=0, progress=False)
     with pytest.raises(CheckpointError, match="tiny holds a single run: sweep and seeds may not change"):
-        run_sweep(data, "mem", resume=tiny_run, progress=False)
+        run_study(data, "mem", resume=tiny_run, progress=False)
     assert not (tiny_run / "sweep.yaml").exists()
 
 
@@ -175,7 +175,7 @@ def test_trainings_whose_names_are_alike_keep_their_runs(data, tmp_path):
 )
 def test_mistakes_are_named_before_anything_is_trained(data, tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
-        run_sweep(data | changes, "mem", resume=tmp_path / "sweep", progress=False)
+        run_study(data | changes, "mem", resume=tmp_path / "sweep", progress=False)
     assert not (tmp_path / "sweep").exists()
 
 
@@ -199,9 +199,9 @@ def test_tasks_bring_settings_of_their_own_and_some_algorithms_fit_some_of_them(
 
 def test_evolutions_are_swept_as_well(tmp_path):
     swept = EVOLUTION | {"generations": 1, "sweep": {"sigma": [0.05]}, "seeds": [3]}
-    folder = run_sweep(swept, "mem", resume=tmp_path / "sweep", progress=False)
+    folder = run_study(swept, "mem", resume=tmp_path / "sweep", progress=False)
     assert read_table(folder / "sweep.csv", "sigma", "steps") == [[0.05, 1]]
     assert all(isinstance(member.config, EvolutionConfig) for member in expand(swept, "mem", folder))
-    run_sweep(swept | {"num_workers": 2}, "mem", resume=folder, progress=False)
+    run_study(swept | {"num_workers": 2}, "mem", resume=folder, progress=False)
     with pytest.raises(CheckpointError, match=r"000_sigma=0.05__3 holds tasks: 1, not 2"):
-        run_sweep(swept | {"tasks": 2}, "mem", resume=folder, progress=False)
+        run_study(swept | {"tasks": 2}, "mem", resume=folder, progress=False)
