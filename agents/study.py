@@ -214,6 +214,8 @@ def _processes(jobs: int) -> Iterator[Executor]:
 
 
 def _try_apart(member: Member) -> str:
+    if is_finished(member):
+        return ""
     with make_pool(1, None) as pool, interrupts_held():
         return pool.submit(try_member, member).result()
 
