@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import lidarnaut
 from lidarnaut import train_command as train
 from lidarnaut.agents import learning
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, parse_config
@@ -135,7 +136,7 @@ def copies(tiny_data, tmp_path_factory, monkeypatch):
 
 def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, copies, tmp_path):
     folder, data = tmp_path / "sweep", data | {"seeds": [0]}
-    run_study(data, "mem", resume=folder, progress=False)
+    assert lidarnaut.train(data, run=folder, progress=False) == folder
     swept = (folder / "sweep.yaml").read_text()
     for changes, says in (
         ({"sweep": {"hyperparameters.gamma": [0.9, 0.98]}}, "001_gamma=0.99__0 is no longer in the sweep: sweep, ex"),

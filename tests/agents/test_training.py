@@ -249,6 +249,11 @@ def test_an_environment_that_fails_in_another_process_is_heard(tiny_data, tmp_pa
         train(changed(tiny_data, environment=broken, num_envs=1), run=tmp_path / "run", progress=False)
 
 
+def test_a_run_to_resume_has_its_own_folder(tiny_run, tiny_config, tmp_path):
+    with pytest.raises(ValueError, match=f"a run to resume has its own folder, {tiny_run}: leave out run"):
+        train(tiny_config, run=tmp_path / "run", resume=tiny_run, progress=False)
+
+
 def test_policies_learn(tiny_data, tmp_path):
     """The fake world is explored by driving straight ahead."""
     faster = {"n_steps": 64, "batch_size": 128, "n_epochs": 4, "learning_rate": "lin_2e-3"}
