@@ -27,7 +27,7 @@ import yaml
 
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.agents.start import train
+from lidarnaut.agents.training import train
 from lidarnaut.envs.command_line import begin_command, fail, parse_options, show_log
 from lidarnaut.envs.files import LockedError, printable
 

@@ -4,6 +4,8 @@ import contextlib
 import inspect
 import math
 import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -85,23 +87,55 @@ def takes_vectors(algorithm: type[BaseAlgorithm]) -> bool:
     return _alias(algorithm).startswith("Mlp")
 
 
-def complete(config: TrainingConfig, env: GymnasiumVecEnv) -> TrainingConfig:
-    """Return a training configuration with default hyperparameters and network settings filled in.
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """Configuration of a training, and what follows from it: made once, when the training begins."""
+
+    config: TrainingConfig
+    """Configuration with default hyperparameters and network settings filled in."""
+    algorithm: type[BaseAlgorithm]
+    network: Any
+    """Network settings: `NetworkConfig`, or one of the other classes for networks."""
+    hyperparameters: Mapping[str, Any]
+    """Constructor arguments by hyperparameter, with schedules, noise and classes in place of their names."""
+    rollout_steps: int
+    """Number of environment steps between two updates."""
+    num_updates: int
+    """Number of policy updates: `total_steps` / steps between updates, rounded up."""
+
+
+def prepare(config: TrainingConfig, algorithm: type[BaseAlgorithm], env: GymnasiumVecEnv) -> Prepared:
+    """Fill in default hyperparameters and network settings, and check all of them.
 
     Raises:
-        ValueError: if a hyperparameter is invalid, or the steps between updates exceed `checkpoints.every`.
+        ValueError: if the device or a setting is invalid, or the steps between updates exceed `checkpoints.every`.
     """
-    algorithm = find_algorithm(config.algorithm)
+    if config.device == "cuda" and not torch.cuda.is_available():  # stable-baselines3 would silently use the CPU
+        raise ValueError("device is 'cuda', but torch finds no GPU; allowed values are 'cpu' and 'auto'")
     allowed = {name: one for name, one in _parameters(algorithm).items() if name not in FIXED}
     if unknown := [name for name in config.hyperparameters if name not in allowed]:
         raise ValueError(f"hyperparameters: {config.algorithm} has no {explain_unknown(unknown[0], allowed)}")
-    rollout_steps(config)  # validated first
-    for name, value in config.hyperparameters.items():
+    given = {**_defaults(config, algorithm, env, allowed), **config.hyperparameters}
+    steps = _rollout_steps(algorithm, allowed, given, config.num_envs)
+    updates, values = -(-config.total_steps // steps), dict[str, Any]()
+    for name, value in given.items():
         try:
-            check_hyperparameter(name, value, _read(name, value, config, env.action_space), allowed[name].annotation)
+            values[name] = _read(name, value, env.action_space, updates)
+            check_hyperparameter(name, value, values[name], allowed[name].annotation)
         except ValueError as error:
             said = "; ".join(one["msg"] for one in error.errors()) if isinstance(error, ValidationError) else error
             raise ValueError(f"hyperparameters.{name}: {said}, got {SHORT.repr(value)}") from error
+    network = _read_network(config, algorithm, env.parts, env.action_space)
+    if config.checkpoints.every < steps:
+        raise ValueError(
+            f"checkpoints.every is {config.checkpoints.every}, but an update takes num_envs times "
+            f"hyperparameters.n_steps (or train_freq) = {steps} steps; checkpoints are only saved between updates"
+        )
+    config = config.model_copy(update={"hyperparameters": given, "network": network.model_dump()})
+    return Prepared(config, algorithm, network, values, steps, updates)
+
+
+def _defaults(config: TrainingConfig, algorithm: type, env: GymnasiumVecEnv, allowed: Iterable[str]) -> dict[str, Any]:
     defaults: dict[str, Any] = {}
     for kind in reversed(algorithm.__mro__):
         defaults |= DEFAULTS.get(kind.__name__, {})
@@ -111,52 +145,34 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv) -> TrainingConfig:
         size = sum(np.dtype(space.dtype).itemsize * math.prod(space.shape or (1,)) for space in parts)
         affordable = BUFFER_BYTES // (2 * size)
         defaults = {"buffer_size": min(affordable, BUFFER_STEPS, max(config.total_steps, 1000))} | defaults
-    network = _read_network(config, env.parts, env.action_space).model_dump()
-    completed = {"hyperparameters": {**defaults, **config.hyperparameters}, "network": network}
-    config = config.model_copy(update=completed)
-    if config.checkpoints.every < (steps := rollout_steps(config)):
-        raise ValueError(
-            f"checkpoints.every is {config.checkpoints.every}, but an update takes num_envs times "
-            f"hyperparameters.n_steps (or train_freq) = {steps} steps; checkpoints are only saved between updates"
-        )
-    return config
+    return {name: value for name, value in defaults.items() if name in allowed}
 
 
-def rollout_steps(config: TrainingConfig) -> int:
-    """Return the number of environment steps between two updates; ValueError for invalid settings."""
-    algorithm = find_algorithm(config.algorithm)
+def _rollout_steps(algorithm: type, allowed: Mapping[str, Any], given: Mapping[str, Any], num_envs: int) -> int:
     name = "n_steps" if issubclass(algorithm, OnPolicyAlgorithm) else "train_freq"
-    value = config.hyperparameters.get(name, _parameters(algorithm)[name].default)
+    value = given.get(name, allowed[name].default)
     steps, unit = value if isinstance(value, list | tuple) and len(value) == 2 else (value, "step")
-    if type(steps) is not int or steps < 1 or (unit != "step" and config.num_envs > 1):
+    if type(steps) is not int or steps < 1 or (unit != "step" and num_envs > 1):
         further = ", or [number, step], or with num_envs 1 [number, episode]" if name == "train_freq" else ""
         raise ValueError(f"hyperparameters.{name} must be a whole number from 1{further}, got {SHORT.repr(value)}")
-    return config.num_envs * (steps if unit == "step" else 1)
+    return num_envs * (steps if unit == "step" else 1)
 
 
-def num_updates(config: TrainingConfig) -> int:
-    """Return the number of policy updates in a training: `total_steps` / steps between updates, rounded up."""
-    return -(-config.total_steps // rollout_steps(config))
-
-
-def build_model(config: TrainingConfig, env: GymnasiumVecEnv) -> BaseAlgorithm:
+def build_model(prepared: Prepared, env: GymnasiumVecEnv) -> BaseAlgorithm:
     """Create an algorithm with an untrained policy; seed the global generators of NumPy and torch.
 
     Raises:
-        ValueError: if the device or a hyperparameter is invalid.
+        ValueError: if the algorithm cannot be built with a hyperparameter.
         CheckpointError: if the folder in `network.prior_policy` does not contain a trained frontier score.
     """
-    if config.device == "cuda" and not torch.cuda.is_available():  # stable-baselines3 would silently use the CPU
-        raise ValueError("device is 'cuda', but torch finds no GPU; allowed values are 'cpu' and 'auto'")
-    config = complete(config, env)
-    is_on_policy = issubclass(find_algorithm(config.algorithm), OnPolicyAlgorithm)
+    config, network = prepared.config, prepared.network
+    is_on_policy = issubclass(prepared.algorithm, OnPolicyAlgorithm)
     torch.set_num_threads(1 if is_on_policy else config.torch_threads or 1)
     try:
-        model = _construct(config, env)
+        model = _construct(prepared, env)
     except Exception as error:
         said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ValueError(f"{_find_culprit(config, env)}: {said}") from error
-    network = _read_network(config, env.parts, env.action_space)
+        raise ValueError(f"{_find_culprit(prepared, env)}: {said}") from error
     if isinstance(network, DecisionNetworkConfig) and network.prior_policy != RULE:
         model.policy.load_prior(FrontierScore.load(find_policy(network.prior_policy)))
     if isinstance(network, GaussianNetworkConfig):
@@ -171,9 +187,10 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv) -> BaseAlgorithm:
     return model
 
 
-def _construct(config: TrainingConfig, env: GymnasiumVecEnv) -> Any:
-    arguments = _arguments(config, env.parts, env.action_space)
-    model = find_algorithm(config.algorithm)(env=env, seed=config.seed, device=config.device, **arguments)
+def _construct(prepared: Prepared, env: GymnasiumVecEnv, without: str = "") -> Any:
+    values = {name: value for name, value in prepared.hyperparameters.items() if name != without}
+    arguments = _arguments(prepared.algorithm, prepared.network, env.parts, values)
+    model = prepared.algorithm(env=env, seed=prepared.config.seed, device=prepared.config.device, **arguments)
     weight = nn.Parameter(torch.zeros(1))
     weight.grad = torch.zeros(1)
     policy: Any = model.policy
@@ -181,13 +198,12 @@ def _construct(config: TrainingConfig, env: GymnasiumVecEnv) -> Any:
     return model
 
 
-def _find_culprit(config: TrainingConfig, env: GymnasiumVecEnv) -> str:
-    for name in config.hyperparameters:
-        others = {key: value for key, value in config.hyperparameters.items() if key != name}
+def _find_culprit(prepared: Prepared, env: GymnasiumVecEnv) -> str:
+    for name in prepared.hyperparameters:
         with contextlib.suppress(Exception):
-            _construct(config.model_copy(update={"hyperparameters": others}), env)
+            _construct(prepared, env, without=name)
             return f"hyperparameters.{name}"
-    return f"{config.algorithm} cannot be built"
+    return f"{prepared.config.algorithm} cannot be built"
 
 
 class NoOptimizer:
@@ -204,9 +220,11 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
     try:
         action_space: Any = record.action.space()
         algorithm = find_algorithm(record.config.algorithm)
-        arguments = _arguments(record.config, parts, action_space)
+        network = _read_network(record.config, algorithm, parts, action_space)
+        values = {name: _read(name, value, action_space) for name, value in record.config.hyperparameters.items()}
+        values |= {"n_steps": 2} if issubclass(algorithm, OnPolicyAlgorithm) else {"buffer_size": 1}
+        arguments = _arguments(algorithm, network, parts, values)
         arguments["policy_kwargs"]["optimizer_class"] = NoOptimizer
-        arguments |= {"buffer_size": 1} if "buffer_size" in _parameters(algorithm) else {"n_steps": 2}
         model = algorithm(env=None, device="cpu", _init_setup_model=False, **arguments)  # type: ignore[call-arg]
         model.observation_space = flat_space(parts) if takes_vectors(algorithm) else parts
         model.action_space, model.n_envs = action_space, 1
@@ -260,8 +278,9 @@ def _alias(algorithm: type[BaseAlgorithm]) -> str:
     return sorted(found, reverse=True)[0]
 
 
-def _read_network(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.Space) -> Any:
-    algorithm = find_algorithm(config.algorithm)
+def _read_network(
+    config: TrainingConfig, algorithm: type, parts: spaces.Dict, action_space: spaces.Space
+) -> NetworkConfig | TrajectoryNetworkConfig | DecisionNetworkConfig:
     kind: type = NetworkConfig
     if isinstance(action_space, spaces.Box) and issubclass(algorithm, PPO | A2C) and "trajectories" in parts.spaces:
         kind = TrajectoryNetworkConfig
@@ -272,9 +291,9 @@ def _read_network(config: TrainingConfig, parts: spaces.Dict, action_space: spac
     return parse_record(config.network, "network", kind)
 
 
-def _arguments(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.Space) -> dict[str, Any]:
-    algorithm, network = find_algorithm(config.algorithm), _read_network(config, parts, action_space)
-    arguments = {name: _read(name, value, config, action_space) for name, value in config.hyperparameters.items()}
+def _arguments(
+    algorithm: type[BaseAlgorithm], network: Any, parts: spaces.Dict, hyperparameters: Mapping[str, Any]
+) -> dict[str, Any]:
     policy: Any = algorithm.policy_aliases[_alias(algorithm)]
     if isinstance(network, DecisionNetworkConfig | TrajectoryNetworkConfig):
         policy = FrontierPolicy if isinstance(network, DecisionNetworkConfig) else TrajectoryPolicy
@@ -290,12 +309,13 @@ def _arguments(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.
         }
     if isinstance(network, GaussianNetworkConfig):
         own["log_std_init"] = network.log_std
-    return {**arguments, "policy": policy, "policy_kwargs": own | arguments.get("policy_kwargs", {})}
+    return {**hyperparameters, "policy": policy, "policy_kwargs": own | hyperparameters.get("policy_kwargs", {})}
 
 
-def _read(name: str, value: Any, config: TrainingConfig, action_space: spaces.Space) -> Any:
+def _read(name: str, value: Any, action_space: spaces.Space, num_updates: int = 1) -> Any:
+    """Return the constructor argument of a hyperparameter, or an entry of its mapping."""
     if isinstance(value, dict):
-        return {key: _read(key, one, config, action_space) for key, one in value.items()}
+        return {key: _read(key, one, action_space, num_updates) for key, one in value.items()}
     if name == "action_noise" and isinstance(value, int | float) and isinstance(action_space, spaces.Box):
         zeros = np.zeros(action_space.shape)
         return NormalActionNoise(zeros, zeros + value)
@@ -306,9 +326,8 @@ def _read(name: str, value: Any, config: TrainingConfig, action_space: spaces.Sp
                 raise ValueError
         except ValueError:
             raise ValueError("not of the form lin_3e-4") from None
-        updates = num_updates(config)
         # Count the finished rollout as remaining, to avoid a last update at rate 0.
-        return lambda progress: rate * min(progress + 1.0 / updates, 1.0)
+        return lambda progress: rate * min(progress + 1.0 / num_updates, 1.0)
     if isinstance(value, str) and ":" in value:
         return load_object(value)
     return tuple(value) if name == "train_freq" and isinstance(value, list) else value

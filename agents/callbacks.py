@@ -12,12 +12,10 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import safe_mean
 
-from lidarnaut.agents.algorithms import build_policy, rollout_steps
+from lidarnaut.agents.algorithms import Prepared
 from lidarnaut.agents.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
-from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import TEST, VALIDATION, Row, interval_of
 from lidarnaut.agents.evaluation import Evaluator
-from lidarnaut.agents.references import References
 from lidarnaut.agents.replay import ReplayFiles
 from lidarnaut.agents.run_folder import BEST, find_checkpoint, list_checkpoints, write_evaluations
 from lidarnaut.agents.state import capture
@@ -37,23 +35,21 @@ class RunCallback(BaseCallback):
 
     def __init__(
         self,
-        config: TrainingConfig,
+        prepared: Prepared,
         run: Path,
         evaluator: Evaluator,
-        references: References,
         evaluations: list[Row],
         saved_steps: int | None,
         replay: ReplayFiles | None,
         bar: Progress,
     ) -> None:
         super().__init__()
-        self._config, self._run, self._evaluator, self._replay, self._bar = config, run, evaluator, replay, bar
-        self._references = references
+        self._config, self._rollout_steps = prepared.config, prepared.rollout_steps
+        self._run, self._evaluator, self._replay, self._bar = run, evaluator, replay, bar
         self._num_rollouts, self._began, self._timed = -1, (0, 0.0), np.zeros(2)
         """Finished rollouts with their updates; steps and time [s] at the start of the current one; steps and time [s]
         of all but the first, which compiles kernels."""
         self._evaluations, self._saved_steps = evaluations, saved_steps
-        self._rollout_steps = rollout_steps(config)
         self._has_news = False
         self._latest: Checkpoint | None = None
 
@@ -105,7 +101,6 @@ class RunCallback(BaseCallback):
             self.save()
         if is_due:
             self._mark_best()
-        self._references.start()  # after kernels are compiled, which every worker would do as well
         self._began = self.num_timesteps, time.monotonic()
 
     def _on_step(self) -> bool:
@@ -137,16 +132,14 @@ class RunCallback(BaseCallback):
         self.save()
         self._mark_best()
 
-    def finish(self) -> None:
-        """Measure the best checkpoint in the test episodes, and wait for the references."""
+    def finish(self, references: list[Row]) -> None:
+        """Measure the best checkpoint in the test episodes; write all results. The model gets its weights."""
         folder, headline = find_checkpoint(self._run, "best"), self._evaluator.headline
         trust = named_code(self._config.model_dump())
-        policy = build_policy(load_checkpoint(folder, policy_only=True, trust=trust), folder)
-        result = {"steps": int(folder.name[5:]), **self._evaluator.policy(policy, TEST)}
-        self._references.start()
-        rows = self._references.rows(wait=True)
-        self._write([*rows, *self._evaluations, result])
-        for row in (result, *rows):
+        self.model.policy.load_state_dict(load_checkpoint(folder, policy_only=True, trust=trust).policy)
+        result = {"steps": int(folder.name[5:]), **self._evaluator.policy(self.model.policy, TEST)}
+        self._write([*references, *self._evaluations, result])
+        for row in (result, *references):
             value, low, high = map(headline.text, (float(row[headline.name]), *interval_of(row, headline.name)))
             of = row["policy"], result["episodes"], headline.title, value, low, high
             LOGGER.info("%s in %d test episodes: %s %s [%s, %s]", *of)
@@ -173,7 +166,7 @@ class RunCallback(BaseCallback):
         # Not `logger.record`: recorded values are written only with the next rollout.
         for output in self.logger.output_formats:
             output.write(scalars, dict.fromkeys(scalars, ()), self.num_timesteps)
-        self._write([*self._references.rows(), *self._evaluations])
+        self._write(self._evaluations)
 
     def _write(self, rows: list[Row]) -> None:
         title = f"{self._config.experiment}, {self._config.algorithm}, seed {self._config.seed}"

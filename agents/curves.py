@@ -136,7 +136,7 @@ def _save(figure: Any, path: Path) -> None:
     write_file(path, picture.getvalue())
 
 
-def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:
+def draw_study(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:
     """Plot one measure of several trainings over steps, with confidence bands.
 
     `curves`: arrays by label, shape (n, 4): steps, mean, lower and upper 95 % bound.

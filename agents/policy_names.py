@@ -16,8 +16,7 @@ from pydantic import ValidationError
 
 from lidarnaut.baselines import ALL
 from lidarnaut.baselines.adoption import adopt, needed_arguments
-from lidarnaut.baselines.policy import GROUND_TRUTH, Level, ObservationPolicy, marked
-from lidarnaut.baselines.policy import Policy as Driver
+from lidarnaut.baselines.policy import GROUND_TRUTH, Level, ObservationPolicy, Policy, marked
 from lidarnaut.envs.files import explain_errors, explain_unknown, load_object, resolve, split_parameters
 
 Makers = Mapping[str, Callable[[], Any]]
@@ -37,7 +36,7 @@ def short(policy: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Policy:
+class PolicySource:
     """Picklable description of a policy, to construct it in any process."""
 
     name: str
@@ -56,7 +55,7 @@ class Policy:
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
     """Environment arguments required by the policy, by name."""
 
-    def make(self, space: spaces.Space | None = None) -> Driver:
+    def make(self, space: spaces.Space | None = None) -> Policy:
         source = load_object(self.source) if isinstance(self.source, str) else self.source
         if self.checkpoint:
             from lidarnaut.agents.learned import load_policy
@@ -67,8 +66,8 @@ class Policy:
 
 def parse_policy(
     name: str, classic: Makers = ALL, custom: Mapping[str, Any] | None = None, trust: Iterable[str] = ()
-) -> Policy:
-    """Return the policy with a given name, after constructing it once as a check.
+) -> PolicySource:
+    """Return the description of a policy with a given name, after constructing the policy once as a check.
 
     A name is a classic policy, also with parameters (`nearest?max_time=8`), `ppo:PATH`, `learned:PATH` or PATH alone
     (trained policy), `pursuit:PATH` (trained frontier score, driven by `pursuit`), or `module:attribute`. `LABEL=`
@@ -81,7 +80,7 @@ def parse_policy(
         lidarnaut.agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
     """
     if custom and name in custom:
-        return _checked(Policy(name, custom[name]), custom[name])
+        return _checked(PolicySource(name, custom[name]), custom[name])
     label, what = match.groups() if (match := re.fullmatch(r"([\w.-]+)=(.+)", name)) else (name, name)
     kind, _, rest = what.partition(":")
     base, _, changes = what.partition("?")
@@ -94,11 +93,11 @@ def parse_policy(
     if changes and base in classic:
         make = partial(make_changed, classic[base], split_parameters(what)[1])
         try:
-            return _checked(Policy(label, make), make)
+            return _checked(PolicySource(label, make), make)
         except (TypeError, ValueError) as error:
             raise ValueError(f"policy {name!r}: {error}") from error
     if what in classic:
-        return _checked(Policy(label, classic[what]), classic[what])
+        return _checked(PolicySource(label, classic[what]), classic[what])
     if is_folder or (kind in ("ppo", "learned", "pursuit") and rest):
         from lidarnaut.agents.learned import find_policy, fingerprint
 
@@ -112,14 +111,14 @@ def parse_policy(
         runs = glob.glob(path) or [f"{run}{at}{which}" for run in glob.glob(pattern)]
         folder = find_policy(max(runs, default=path)).resolve()
         how = {"pursuit": kind == "pursuit", "deterministic": deterministic, "trust": tuple(trust)}
-        policy = Policy(label, how, str(folder))
+        policy = PolicySource(label, how, str(folder))
         made = policy.make()  # reports a damaged checkpoint
         return replace(_checked(policy, made), model=fingerprint(folder)[:12])
     if (base if changes else what) in ALL:
         raise ValueError(f"policy {what!r} cannot do this task; allowed are {', '.join(classic)}, and your own")
     if not rest:
         resolve(what, {**classic, "ppo:PATH": None, "LABEL=ppo:PATH": None}, "policy")  # raises
-    return _checked(Policy(label, what), load_object(what))
+    return _checked(PolicySource(label, what), load_object(what))
 
 
 def make_changed(make: Callable[..., Any], changes: Mapping[str, Any]) -> Any:
@@ -155,7 +154,7 @@ def make_changed(make: Callable[..., Any], changes: Mapping[str, Any]) -> Any:
     return policy
 
 
-def _checked(policy: Policy, source: Any) -> Policy:
+def _checked(policy: PolicySource, source: Any) -> PolicySource:
     made = adopt(source)
     name, observes = marked(policy.name, made), isinstance(made, ObservationPolicy)
     return replace(policy, name=name, level=made.level, observes=observes, arguments=needed_arguments(made))

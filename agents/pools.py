@@ -2,11 +2,9 @@
 
 import contextlib
 import glob
-import json
 import multiprocessing
 import os
 import platform
-import re
 import socket
 import subprocess
 import sys
@@ -17,6 +15,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from lidarnaut.agents.trust import leaves
 from lidarnaut.envs.files import read_bytes, read_mapping
 from lidarnaut.envs.processes import start_worker, stop_workers
 
@@ -99,9 +98,9 @@ def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
     imported from the current folder.
     """
     here, paths = os.getcwd() + os.sep, []
-    for text in set(re.findall(r'"([^"\\]+)"', json.dumps(named, default=str, ensure_ascii=False))):
-        paths += [text, *glob.glob(f"{glob.escape(text)}/*.json"), *glob.glob(f"{glob.escape(text)}/*.safetensors")]
+    for text in {str(one) for _, one in leaves(named) if isinstance(one, str | os.PathLike)} - {""}:
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            paths += [text, *glob.glob(f"{glob.escape(text)}/*.json"), *glob.glob(f"{glob.escape(text)}/*.safetensors")]
             paths.append(os.path.join(os.path.dirname(text), read_mapping(text)["image"]))
     installed = sysconfig.get_path("stdlib"), sysconfig.get_path("purelib"), str(Path(__file__).parents[1])
     for module in list(sys.modules.values()):

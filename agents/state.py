@@ -1,5 +1,6 @@
 """Conversion between stable-baselines3 models and checkpoints."""
 
+import contextlib
 from collections.abc import Mapping
 from operator import attrgetter
 from pathlib import Path
@@ -10,6 +11,7 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 from torch import Tensor
+from torch.nn.modules.module import register_module_forward_hook
 from torch.optim import Optimizer
 
 from lidarnaut.agents.checkpoint import (
@@ -87,6 +89,15 @@ def restore(model: BaseAlgorithm, checkpoint: Checkpoint, folder: Path) -> None:
     if model.device.type == "cuda":  # checkpoints lack the GPU's generator
         seed = np.random.SeedSequence([record.config.seed, record.steps]).generate_state(1)[0]
         torch.cuda.manual_seed_all(int(seed))
+
+
+def is_finite(model: BaseAlgorithm) -> bool:
+    """Return True if the weights of a policy, and the outputs of its layers for the latest observations, are finite."""
+    found = [*model.policy.parameters()]
+    hook = register_module_forward_hook(lambda layer, given, output: found.append(output))
+    with hook, contextlib.suppress(Exception):  # of a distribution, or before the first episode
+        model.policy.predict(model._last_obs)  # type: ignore[arg-type]
+    return all(bool(torch.isfinite(one).all()) for one in found if isinstance(one, Tensor))
 
 
 def check_spaces(record: Record, parts: Mapping[str, spaces.Space], action_space: spaces.Space, name: str) -> None:

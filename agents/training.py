@@ -1,106 +1,100 @@
-"""Training of a policy by reinforcement learning."""
+"""Trainings, evolutions and studies, begun or resumed from Python or from the command line."""
 
-import contextlib
-import multiprocessing
-from collections.abc import Iterable
+import logging
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-import torch
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from torch.utils.tensorboard import SummaryWriter
+from pydantic import BaseModel
 
-from lidarnaut.agents.algorithms import build_model, complete, find_algorithm, num_updates, rollout_steps, takes_vectors
-from lidarnaut.agents.callbacks import RunCallback
-from lidarnaut.agents.checkpoint import load_checkpoint
-from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.agents.curves import curve_of
-from lidarnaut.agents.evaluation import Evaluator
-from lidarnaut.agents.references import References
-from lidarnaut.agents.replay import ReplayFiles
-from lidarnaut.agents.resume import check_changes
-from lidarnaut.agents.run_folder import discard_after, find_checkpoint, is_measured, new_run, prepare_folder
-from lidarnaut.agents.state import check_spaces, restore
-from lidarnaut.agents.trust import named_code
-from lidarnaut.agents.vec_env import make_vec_env
-from lidarnaut.envs.files import Lock, own_folder
-from lidarnaut.envs.progress import Progress
-from lidarnaut.envs.vector.workers import UNGUARDED
+from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, find_configuration, parse_config
+from lidarnaut.agents.recipes import with_recipe
+from lidarnaut.agents.run_folder import GENERATIONS, RECORD_FILE, SWEEP, VERSIONS, find_config
+from lidarnaut.agents.trust import check_names, named_code
+from lidarnaut.envs.files import read_mapping
+
+DEFAULTS = {"experiment": "plain", "total_steps": 300_000}
+"""Settings without a configuration, for ids without a recipe."""
+LOGGER = logging.getLogger(__name__)
+RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
+"""Files of run and policy folders. A configuration in such a folder may only name trusted code."""
 
 
 def train(
-    config: TrainingConfig,
+    config: str | Path | Mapping[str, Any] | TrainingConfig | EvolutionConfig | None = None,
+    changes: Mapping[str, Any] | None = None,
     *,
-    run: Path | None = None,
-    resume: Path | None = None,
+    run: str | Path | None = None,
+    resume: str | Path | None = None,
     trust: Iterable[str] = (),
+    jobs: int = 1,
+    ray: str | None = None,
     progress: bool = True,
 ) -> Path:
-    """Train a policy; return the run folder, by default `runs/<experiment>__<seed>__<time>`.
+    """Train a policy and return the folder of the run.
 
-    `run`: another folder for results. `resume`: run or checkpoint folder to resume. `trust`: names of code that the
-    checkpoint may import, besides those in `config`. Raises the errors of `lidarnaut.train`; also ValueError if a new
-    folder already holds a run, or training diverges.
+    Args:
+        config: name of a packaged configuration such as `"reach_crowd"`, path of a YAML file, nested mapping, or
+            configuration object. A name, file or mapping starts from the recipe of its `environment.id`; an object
+            and the configuration of a run folder are complete. None takes only the recipe.
+        changes: new values by key, with dots between the names of nested keys: `{"environment.world": "caves"}`.
+        run: folder for the results, by default `runs/<experiment>__<seed>__<time>`.
+        resume: folder of a run or sweep, or of a checkpoint, to resume. It replaces `config`, except an object.
+        trust: modules, or names `module:attribute`, of your own code that the resumed run may import.
+        jobs: number of trainings of a sweep that run in parallel on this machine.
+        ray: address of a Ray cluster for sweeps and evolutions.
+        progress: whether to show progress bars.
+
+    Raises:
+        ValueError: if the configuration is invalid (the message names the key and the allowed values), `run` holds a
+            run, or training diverges.
+        lidarnaut.agents.run_folder.CheckpointError: if the run to resume is missing or damaged.
+        lidarnaut.envs.files.LockedError: if another process writes to the run.
+        KeyboardInterrupt: on Ctrl-C, after the state has been saved; the message names the run.
     """
-    source = checkpoint = None
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise RuntimeError(f"a worker process imports the script that trains{UNGUARDED}")
-    with contextlib.ExitStack() as held:
-        if resume is not None:
-            held.enter_context(Lock(own_folder(find_checkpoint(resume).parent.parent)))
-            source = find_checkpoint(resume)  # again, after locking
-            checkpoint = load_checkpoint(source, trust=[*trust, *named_code(config.model_dump())])
-            check_changes(config, "training", source, checkpoint.record.config)
-        evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
-        is_flat = takes_vectors(find_algorithm(config.algorithm))
-        env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=is_flat)))
-        config = complete(config, env)
-        held.callback(torch.set_num_threads, torch.get_num_threads())  # `build_model` changes it
-        model = build_model(config, env)
-        references = References(config, evaluator, held, progress=progress)
-        if checkpoint is None or source is None:
-            run = held.enter_context(new_run(config, run))
-        else:
-            check_changes(config, "training", source, checkpoint.record.config)
-            check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))
-            restore(model, checkpoint, source)
-            run = discard_after(source)
-            prepare_folder(run, config)
-        replay = None
-        if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
-            replay = ReplayFiles(model.replay_buffer, run)
-            replay.read(checkpoint.record.replay if checkpoint else {})
-        # Checkpoints do not hold episodes: resumed trainings start new ones.
-        env.seed(int(np.random.SeedSequence([config.seed, model.num_timesteps]).generate_state(1)[0] >> 1))
-        evaluations = curve_of(checkpoint.record.evaluations) if checkpoint else []
-        # The first evaluation of a run precedes its first checkpoint.
-        purge_step = model.num_timesteps + 1 if evaluations else None
-        model.set_logger(Logger(str(run), [_TensorBoard(run, purge_step)]))
-        total_steps, steps = num_updates(config) * rollout_steps(config), model.num_timesteps
-        if steps < total_steps or not is_measured(run):
-            bar = Progress(total=total_steps, initial=steps, unit="step", disable=not progress)
-            bar.rate, saved = 0.0, steps if checkpoint else None
-            keeper = RunCallback(config, run, evaluator, references, evaluations, saved, replay, bar)
-            keeper.model = model
-            try:
-                with bar:
-                    if steps < total_steps:
-                        model.learn(total_steps - steps, keeper, reset_num_timesteps=False)
-                keeper.finish()
-            except KeyboardInterrupt:
-                raise KeyboardInterrupt(keeper.save()) from None
-            except ValueError as error:
-                if "to satisfy the constraint" not in str(error):  # torch's message for NaN
-                    raise
-                raise keeper.diverged() from None
-        model.logger.close()
-    return run
+    changes, trust = dict(changes or {}), tuple(trust)
+    data, source, is_complete = _read(config, resume, changes, trust)
+    data = change(data, changes)
+    run, resume = (None if path is None else Path(path) for path in (run, resume))
+    if run and resume:
+        raise ValueError(f"a run to resume has its own folder, {resume}: leave out run")
+    # Importing torch takes seconds, so report mistakes in the configuration first.
+    if {"sweep", "seeds"} & data.keys():
+        from lidarnaut.agents.study import run_study
+
+        data |= {"recipe": None} if is_complete else {}
+        return run_study(data, source, resume=resume or run, ray=ray, jobs=jobs, progress=progress)
+    if not is_complete:
+        data, text = with_recipe(data)
+        data = data if config is not None else {**DEFAULTS, **data}
+        LOGGER.info("%s", text or "no recipe")
+    parsed = parse_config(data, source)
+    if isinstance(parsed, EvolutionConfig):
+        from lidarnaut.agents.frontiers.evolution import evolve
+
+        return evolve(parsed, run=run, resume=resume, ray=ray, progress=progress)
+    if ray is not None:
+        raise ValueError("ray supports sweeps and evolutions, not single trainings")
+    from lidarnaut.agents.learning import run_training
+
+    return run_training(parsed, run=run, resume=resume, trust=trust, progress=progress)
 
 
-class _TensorBoard(TensorBoardOutputFormat):
-    """TensorBoard writer that hides events logged after the resumed checkpoint."""
+def _mapping(config: BaseModel) -> dict[str, Any]:
+    """Return a configuration as nested mappings. User-defined objects, such as robots and crowds, are kept."""
+    return {key: _mapping(value) if isinstance(value, BaseModel) else value for key, value in config}
 
-    def __init__(self, run: Path, purge_step: int | None) -> None:
-        self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=purge_step)
-        self._is_closed = False
+
+def _read(
+    config: Any, resume: Any, changes: Mapping[str, Any], trust: tuple[str, ...]
+) -> tuple[dict[str, Any], str, bool]:
+    """Return a configuration, its origin, and whether it is complete, so that no recipe applies."""
+    is_complete = isinstance(config, BaseModel)
+    if is_complete or (resume is None and not isinstance(config, str | Path)):
+        return _mapping(config) if is_complete else dict(config or {}), "the configuration", is_complete
+    path = find_configuration(str(config), "experiment") if resume is None else find_config(resume)
+    data = read_mapping(path)
+    is_record = any((path.parent / name).exists() for name in RECORDS)
+    if resume is not None or path.name == SWEEP or is_record:
+        check_names(data, str(path), [*trust, *named_code(changes)])
+    return data, str(path), path.name != SWEEP and (resume is not None or is_record)

@@ -29,7 +29,8 @@ def named_code(record: Any) -> dict[str, str]:
 
     Every text with a colon is a reference, except Windows paths and ids of the package's environments.
     """
-    return {text: key for key, text in _texts(record, "") if ":" in text and not _PATH_OR_OWN_ID.fullmatch(text)}
+    texts = ((key, text) for key, text in leaves(record) if isinstance(text, str) and ":" in text)
+    return {text: key for key, text in texts if not _PATH_OR_OWN_ID.fullmatch(text)}
 
 
 def resuming(run: Path, record: Any) -> str:
@@ -78,14 +79,15 @@ def _covers(root: str, module: str) -> bool:
     return f"{module}.".startswith(f"{root}.")
 
 
-def _texts(value: Any, key: str) -> Iterator[tuple[str, str]]:
-    if isinstance(value, str):
-        yield key, value
-    elif isinstance(value, Mapping):
+def leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the keys, with dots, and values of nested mappings and lists; names in mappings are values as well."""
+    if isinstance(value, Mapping):
         for name, one in value.items():
             below = f"{key}.{name}".lstrip(".")
-            yield from _texts(name, below)
-            yield from _texts(one, below)
+            yield below, name
+            yield from leaves(one, below)
     elif isinstance(value, list | tuple | set | frozenset):
         for index, one in enumerate(value):
-            yield from _texts(one, f"{key}.{index}".lstrip("."))
+            yield from leaves(one, f"{key}.{index}".lstrip("."))
+    else:
+        yield key, value

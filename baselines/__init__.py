@@ -30,7 +30,7 @@ from .policy import Explorer, OnePerRobot, Policy, PrivilegedPolicy
 from .reactive import RandomChooser, RandomExplorer, RouteFollower, WallFollower
 from .rrt.detector import RrtParams
 from .rrt.team import RrtExplorer, RrtTeam
-from .sweep import Bouncer, SweepNavigator, boustrophedon, spiral
+from .sweeping import Bouncer, SweepNavigator, boustrophedon, spiral
 from .teams.assignment import Auction, MinMaxTours
 from .teams.team import TeamExplorer
 

@@ -44,8 +44,12 @@ def adopt(value: Any, space: spaces.Space | None = None) -> Policy:
         raise ValueError(f"{SHORT.repr(value)} is a name, not a policy: lidarnaut.make_policy(NAME, env) makes it")
     source = value
     while _is_factory(value):
-        value = value()
-    policy = _adopted(value, space)
+        try:
+            value = value()
+        except TypeError as error:
+            raise TypeError(f"{SHORT.repr(value)} was called without arguments to make a policy: {error}") from error
+    called = f", which {SHORT.repr(source)} returned when called without arguments," if source is not value else ""
+    policy = _adopted(value, space, called)
     if source is not value and not isinstance(source, type) and (declared := _declared_by(source)):
         if policy is value:
             policy = wrap(value, Explorer if isinstance(value, Explorer) else CalledPolicy, **declared)
@@ -56,7 +60,7 @@ def adopt(value: Any, space: spaces.Space | None = None) -> Policy:
     return OnePerRobot(policy) if is_team and isinstance(policy, Explorer) and not policy.is_team else policy
 
 
-def _adopted(value: Any, space: spaces.Space | None) -> Policy:
+def _adopted(value: Any, space: spaces.Space | None, called: str) -> Policy:
     if isinstance(value, Policy):
         return value
     if hasattr(value, "act"):
@@ -69,7 +73,8 @@ def _adopted(value: Any, space: spaces.Space | None) -> Policy:
         options = (*inspect.signature(value.predict).parameters,) if hasattr(value, "predict") else ()
         return wrap(value, CalledPolicy, _space=space, _options=options, _state=None)
     raise ValueError(
-        f"{SHORT.repr(value)} is not an explorer, rule or callable of an observation, and lacks predict(observation)"
+        f"{SHORT.repr(value)}{called} is not an explorer, rule or callable of an observation, and lacks "
+        "predict(observation)"
     )
 
 

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure as Picture
 from lidarnaut.agents.curves import LEARNED_NAMES, curve_of, read_evaluations, result_of, scores_of
 from lidarnaut.agents.run_folder import SWEEP
 from lidarnaut.agents.statistics import Estimate, estimate, score
-from lidarnaut.agents.sweep import Member, expand, is_finished, processor_time
+from lidarnaut.agents.study import Member, expand, is_finished, processor_time
 from lidarnaut.agents.vec_env import make_env
 from lidarnaut.baselines.policy import GROUND_TRUTH
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, write_markdown

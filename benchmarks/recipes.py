@@ -15,7 +15,7 @@ from lidarnaut.agents.curves import TEST, Row, read_evaluations, scores_of
 from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.run_folder import find_checkpoint
 from lidarnaut.agents.statistics import score
-from lidarnaut.agents.sweep import Member, expand, is_finished, run_sweep
+from lidarnaut.agents.study import Member, expand, is_finished, run_study
 from lidarnaut.benchmarks.algorithms import read_task, task_section
 from lidarnaut.benchmarks.arena.page import Cell, Markdown, Section, Table, write_markdown
 from lidarnaut.envs.command_line import Count, run_command
@@ -78,7 +78,7 @@ def main(
         data["seeds"] = list(range(seeds))
         data |= {"evaluation": {"test_episodes": test_episodes}} if test_episodes else {}
         if train and name in (ids or RECIPES):
-            run_sweep(data, name, resume=out / name, jobs=jobs)
+            run_study(data, name, resume=out / name, jobs=jobs)
         members = expand(data, name, out / name)
         tables[name] = rows = [row for member in members if is_finished(member) for row in _results(member)]
         sections.append(_section(name, members, rows) if rows or name not in kept else Section(name, (kept[name],)))

@@ -5,7 +5,6 @@ import functools
 import io
 import logging
 import os
-import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ import gymnasium
 import tyro
 from pydantic import ValidationError
 from rich.console import Console
+from rich.text import Text
 
 from lidarnaut.envs.files import explain_errors, printable
 
@@ -83,20 +83,25 @@ def parse_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any)
         message, cause = _in_a_line(said.getvalue()), stop.__context__
         chain = stop, cause, cause and cause.__context__
         if fault := next((one for one in chain if isinstance(one, ValidationError)), None):
-            section = re.match(rf"Error parsing (?!{fault.title}:)(\S+):", message)
-            lines = explain_errors(fault, kind)
-            message = "\n".join(f"{section[1]}.{line}" if section else line for line in lines)
+            section = message.partition("Error parsing ")[2].partition(":")[0]
+            section = "" if section in ("", fault.title) else f"{section}."
+            message = "\n".join(section + line for line in explain_errors(fault, kind))
         raise ValueError(message) from None
     sys.stderr.write(said.getvalue())
     return options
 
 
 def _in_a_line(box: str) -> str:
-    rows = [row[2:].rstrip(" │") for row in re.sub(r"\x1b\[[\d;]*m", "", box).splitlines()[1:]]
-    text = " ".join(row.strip() for row in rows if not row.startswith(" " * 8))
-    text = re.sub(r"\s*(─{3,}╯?|-{5,})\s*", "; ", text.replace("Argument helptext:", "it is"))
-    text = re.sub(r"\.?\s+Got errors:[^;]*|; For full helptext.*", "", text).strip("; ")
-    return re.sub(r"^Missing from .*?:", "missing:", text)
+    """Return the paragraphs of a message of tyro in one line, without its frame, types that failed and hint at help."""
+    paragraphs = [""]
+    for row in Text.from_ansi(box).plain.splitlines()[1:-1]:
+        words = row.strip("│| ")
+        if words.strip("─-"):
+            paragraphs[-1] += f" {words}"
+        else:
+            paragraphs.append("")
+    told = (one.strip(" .") for one in paragraphs if not one.startswith((" Got errors", " For full helptext")))
+    return "; ".join(filter(None, told))
 
 
 def run_command(

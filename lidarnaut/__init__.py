@@ -12,7 +12,7 @@ from lidarnaut.envs import register as register
 if TYPE_CHECKING:
     from lidarnaut.agents.export import export_policy as export_policy
     from lidarnaut.agents.policies import make_policy as make_policy
-    from lidarnaut.agents.start import train as train
+    from lidarnaut.agents.training import train as train
     from lidarnaut.baselines import policies_for as policies_for
     from lidarnaut.baselines.episode import Episode as Episode
     from lidarnaut.baselines.episode import run_episode as run_episode
@@ -42,7 +42,7 @@ _MODULES = {
     "robots": "envs.robots",
     "run_episode": "baselines.episode",
     "save_map": "envs.worlds",
-    "train": "agents.start",
+    "train": "agents.training",
     "worlds": "envs.worlds",
 }
 

@@ -2,9 +2,8 @@ import contextlib
 import os
 import signal
 from collections import defaultdict
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
-from types import SimpleNamespace
 
 import pytest
 
@@ -57,8 +56,7 @@ def no_curves(monkeypatch):
 @pytest.fixture
 def no_workers(monkeypatch):
     """Measure reference policies of trainings and run evolutions in this process: workers take seconds to start."""
-    pool = SimpleNamespace(submit=lambda *_: Future())  # episodes that wait run in this process
-    monkeypatch.setattr("lidarnaut.agents.references.make_pool", lambda *_: contextlib.nullcontext(pool))
+    monkeypatch.setattr("lidarnaut.agents.references.make_pool", lambda *_: contextlib.nullcontext())
     monkeypatch.setattr("lidarnaut.agents.frontiers.evolution.make_pool", lambda *_: ThreadPoolExecutor(1))
 
 

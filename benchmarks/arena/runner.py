@@ -11,7 +11,7 @@ from typing import Any
 
 from gymnasium import spaces
 
-from lidarnaut.agents.policy_names import Makers, Policy, is_bound, parse_policy
+from lidarnaut.agents.policy_names import Makers, PolicySource, is_bound, parse_policy
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.trust import named_code
 from lidarnaut.baselines import policies_for
@@ -207,7 +207,7 @@ class Evaluation:
         self.columns = columns_of(self.measures)
         return classic
 
-    def _marked(self, policy: Policy) -> Policy:
+    def _marked(self, policy: PolicySource) -> PolicySource:
         if not policy.observes or is_bound(policy.name):
             return policy
         case = replace(next(iter(self._robots)), id=self._id_for(policy))
@@ -229,7 +229,7 @@ class Evaluation:
                 tasks.setdefault(key, Job(key, policy, own, self._objects(own)))
         return list(tasks.values())
 
-    def _id_for(self, policy: Policy) -> str:
+    def _id_for(self, policy: PolicySource) -> str:
         id = self.settings.id
         if policy.level is None or (policy.level == "decision") == self._chooses:
             return id

@@ -13,11 +13,11 @@ from typing import Any
 
 import gymnasium
 
-from lidarnaut.agents.policy_names import Policy, short
+from lidarnaut.agents.policy_names import PolicySource, short
 from lidarnaut.agents.pools import make_pool
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines.episode import prepare, run_episode
-from lidarnaut.baselines.policy import Policy as Driver
+from lidarnaut.baselines.policy import Policy
 from lidarnaut.benchmarks.arena.evaluation_folder import Key, Row, columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.settings import Case
@@ -40,7 +40,7 @@ class Job:
     """Episode to run in a process: policy, conditions and outputs."""
 
     key: Key
-    policy: Policy
+    policy: PolicySource
     case: Case
     custom: Mapping[str, Any] = field(default_factory=dict)
     """User-defined world, robot and SLAM objects, by name."""
@@ -118,7 +118,7 @@ class _Worker:
     def __init__(self) -> None:
         self._env: gymnasium.Env[Any, Any] | None = None
         self._conditions: tuple[Any, ...] | None = None
-        self._policies: dict[str, Driver] = {}
+        self._policies: dict[str, Policy] = {}
 
     def run(self, task: Job) -> Result:
         try:

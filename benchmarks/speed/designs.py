@@ -118,7 +118,7 @@ def open_drive(case: Case) -> Drive:
 def _train(design: Design) -> Drive:
     from stable_baselines3.common.logger import Logger
 
-    from lidarnaut.agents.algorithms import build_model, complete, rollout_steps
+    from lidarnaut.agents.algorithms import build_model, find_algorithm, prepare
     from lidarnaut.agents.config import change, find_configuration, parse_config
     from lidarnaut.agents.recipes import with_recipe
     from lidarnaut.agents.vec_env import make_vec_env
@@ -130,7 +130,8 @@ def _train(design: Design) -> Drive:
         data = change(data, {"environment.num_worlds": 4})
     config: Any = parse_config(data, design.name)
     env = make_vec_env(config)
-    model = build_model(config, env)
+    prepared = prepare(config, find_algorithm(config.algorithm), env)
+    model = build_model(prepared, env)
     model.set_logger(Logger(None, []))
     learn = partial(model.learn, reset_num_timesteps=False)
-    return Drive(learn, env.close, at_once=rollout_steps(complete(config, env)))
+    return Drive(learn, env.close, at_once=prepared.rollout_steps)

@@ -3,7 +3,7 @@
 from .archives import MAX_BYTES, check_file, open_archive, read_bytes
 from .locking import Lock, LockedError
 from .names import SHORT, explain_unknown, load_object, printable, resolve, split_parameters, with_defaults
-from .writing import append_file, naming, own_folder, sweep, temporary_beside, write_file, write_folder
+from .writing import append_file, naming, own_folder, remove_leftovers, temporary_beside, write_file, write_folder
 from .yaml_models import MAX_JSON_BYTES, dump_record, explain_errors, parse_record, read_json, read_mapping, read_record
 
 __all__ = [
@@ -27,9 +27,9 @@ __all__ = [
     "read_json",
     "read_mapping",
     "read_record",
+    "remove_leftovers",
     "resolve",
     "split_parameters",
-    "sweep",
     "temporary_beside",
     "with_defaults",
     "write_file",

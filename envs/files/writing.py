@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 _STARTED = time.time()
-_swept: set[Path] = set()
+_cleaned: set[Path] = set()
 
 
 def write_file(path: str | Path, content: bytes | str) -> None:
@@ -75,13 +75,13 @@ def temporary_beside(path: Path) -> Path:
 
     The first call for a folder removes leftover temporary files.
     """
-    if (folder := path.parent.absolute()) not in _swept:
-        _swept.add(folder)
-        sweep(folder)
+    if (folder := path.parent.absolute()) not in _cleaned:
+        _cleaned.add(folder)
+        remove_leftovers(folder)
     return path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}.tmp")
 
 
-def sweep(folder: Path) -> None:
+def remove_leftovers(folder: Path) -> None:
     """Remove temporary files left in a folder by ended processes of this machine."""
     for path in folder.glob(".*.tmp"):
         match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", path.name)

@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from lidarnaut.agents import callbacks, evaluation, training
+from lidarnaut.agents import callbacks, evaluation, learning
 from lidarnaut.agents.callbacks import MIN_ROLLOUTS
 from lidarnaut.agents.curves import curve_of, interval_of, read_evaluations, result_of
 from lidarnaut.agents.explorer import LearnedPolicy
@@ -171,7 +171,7 @@ def test_the_bar_names_its_values_and_estimates_from_training_alone(config, tmp_
 
         return timed
 
-    monkeypatch.setattr(training, "Progress", lambda **how: bars.append(Progress(**how)) or bars[-1])
+    monkeypatch.setattr(learning, "Progress", lambda **how: bars.append(Progress(**how)) or bars[-1])
     monkeypatch.setattr(callbacks, "time", SimpleNamespace(monotonic=lambda: now[0]))
     monkeypatch.setattr(callbacks.Evaluator, "policy", lasting(whole, 1000.0))
     monkeypatch.setattr(callbacks.RunCallback, "_on_step", lasting(callbacks.RunCallback._on_step, 0.01))

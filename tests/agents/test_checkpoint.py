@@ -10,19 +10,20 @@ import pytest
 import safetensors.torch
 import torch
 
-from lidarnaut.agents.algorithms import build_model, build_policy
+from lidarnaut.agents.algorithms import build_policy
 from lidarnaut.agents.checkpoint import load_checkpoint, save_checkpoint
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
 from lidarnaut.agents.state import capture, restore
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_vector
 from lidarnaut.envs.files import writing as files
+from tests.agents.tiny import untrained
 
 
 @pytest.fixture
 def fresh_model(tiny_config):
     def make(**changes):
         config = tiny_config.model_copy(update=changes)
-        return build_model(config, GymnasiumVecEnv(make_vector(config.environment, "train", 4)))
+        return untrained(config, GymnasiumVecEnv(make_vector(config.environment, "train", 4)))
 
     return make
 

@@ -6,9 +6,9 @@ import pytest
 
 from lidarnaut import train_command as train
 from lidarnaut.agents import training
-from lidarnaut.agents.algorithms import complete
+from lidarnaut.agents.algorithms import find_algorithm, prepare
 from lidarnaut.agents.config import TrainingConfig, parse_config
-from lidarnaut.agents.sweep import expand
+from lidarnaut.agents.study import expand
 from lidarnaut.agents.vec_env import make_vec_env
 from lidarnaut.envs.files import dump_record, read_mapping, read_record
 
@@ -95,7 +95,9 @@ def test_mistakes_are_named_with_what_is_allowed_and_leave_no_run_behind(tiny_da
 def configs(monkeypatch, tmp_path):
     """Collect configurations in place of trainings."""
     configs = []
-    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, **_: configs.append(config) or tmp_path)
+    monkeypatch.setattr(
+        "lidarnaut.agents.learning.run_training", lambda config, **_: configs.append(config) or tmp_path
+    )
     return configs
 
 
@@ -174,6 +176,6 @@ def test_hyperparameters_are_the_projects_unless_given(algorithm, expected, tiny
     given = {"total_steps": 500, "algorithm": algorithm, "hyperparameters": {"gamma": 0.5}}
     config = parse_config(tiny_data | given | {"checkpoints": {"every": 10_000}}, "mem")
     with contextlib.closing(make_vec_env(config)) as env:
-        found = complete(config, env).hyperparameters
+        found = prepare(config, find_algorithm(algorithm), env).config.hyperparameters
     assert found.items() >= (expected | {"gamma": 0.5}).items()
     assert (found.keys() == {"gamma"}) == (algorithm == "TRPO")

@@ -4,9 +4,10 @@ import shutil
 import numpy as np
 import pytest
 import torch
+from stable_baselines3 import PPO
 
-from lidarnaut.agents import training
-from lidarnaut.agents.algorithms import build_model
+from lidarnaut.agents import learning
+from lidarnaut.agents.algorithms import prepare
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import parse_config
 from lidarnaut.agents.explorer import LearnedPolicy
@@ -55,8 +56,8 @@ def test_two_updates_go_on_alike_from_a_checkpoint_and_act(algorithm, id, traine
 
 def test_a_replay_buffer_comes_back_as_it_was_and_leaves_nothing_behind(tmp_path, monkeypatch):
     """The buffer has room for six steps of two environments; sixteen are taken, and it is written every four."""
-    models, build = [], training.build_model
-    monkeypatch.setattr(training, "build_model", lambda *args: models.append(build(*args)) or models[-1])
+    models, build = [], learning.build_model
+    monkeypatch.setattr(learning, "build_model", lambda *args: models.append(build(*args)) or models[-1])
     config = tiny("SAC", "Explore", total_steps=32)
     run = train(config, run=tmp_path / "run", progress=False)
     names = {path.name for path in (run / FOLDER).iterdir()}
@@ -99,7 +100,7 @@ def test_an_interrupt_saves_what_an_algorithm_with_a_buffer_has_learned(tiny_dat
 def test_a_missing_gpu_is_reported(tiny_config, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(ValueError, match="torch finds no GPU; allowed values are 'cpu' and 'auto'"):
-        build_model(tiny_config.model_copy(update={"device": "cuda"}), env=None)
+        prepare(tiny_config.model_copy(update={"device": "cuda"}), PPO, env=None)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

@@ -6,7 +6,7 @@ import pytest
 import torch
 from gymnasium import spaces
 
-from lidarnaut.agents.algorithms import Actor, build_model
+from lidarnaut.agents.algorithms import Actor
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import read_evaluations
@@ -23,7 +23,7 @@ from lidarnaut.envs.files import parse_record
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.robots import load_robot
 from tests.agents.fake_env import BEAMS
-from tests.agents.tiny import tiny
+from tests.agents.tiny import tiny, untrained
 
 
 @pytest.fixture
@@ -99,7 +99,7 @@ def test_scans_of_other_lidars_are_shown_as_that_of_the_training_beside_parts_wi
 
 def test_an_untrained_policy_drives_ahead_as_configured(tiny_config):
     vector = GymnasiumVecEnv(make_vector(tiny_config.environment, "train", 4))
-    model = build_model(tiny_config.model_copy(update={"network": {"speed": 0.6}}), vector)
+    model = untrained(tiny_config.model_copy(update={"network": {"speed": 0.6}}), vector)
     assert Actor(model.policy)(vector.reset())[0] == pytest.approx([0.6, 0.0], abs=0.1)
 
 

@@ -11,6 +11,7 @@ from lidarnaut.agents.pools import RayExecutor, collect_files, enter_folder
 def here(tmp_path, monkeypatch):
     files = {"room.yaml": "polylines: []", "../maps/m.yaml": "image: m.pgm", "../maps/m.pgm": "P5", "large.bin": "x"}
     files |= {"runs/a/policy.safetensors": "w", "runs/a/checkpoint.json": "{}", "runs/a/replay/1.safetensors": "r"}
+    files |= {'a "small"\\ room.yaml': "polylines: []", "path.yaml": "x"}
     files |= {"mine_in_pools.py": "import helper_in_pools", "helper_in_pools.py": ""}
     for name, text in files.items():
         path = tmp_path / "here" / name
@@ -23,13 +24,15 @@ def here(tmp_path, monkeypatch):
     return tmp_path / "here"
 
 
-NAMED = [{"world": "room.yaml", "map": ["../maps/m.yaml", 3, None]}, "runs/a", "rooms", "mine_in_pools:Mine", ""]
+NAMED = [{"world": "room.yaml", "map": ("../maps/m.yaml", 3, None)}, "runs/a", "rooms", "mine_in_pools:Mine", ""]
+NAMED += [{'a "small"\\ room.yaml': {}}, Path("path.yaml"), "a\0b"]
 
 
 def test_files_that_texts_name_and_own_modules_are_collected(here):
     import mine_in_pools  # noqa: F401
 
     names = {"room.yaml", "../maps/m.yaml", "../maps/m.pgm", "runs/a/policy.safetensors", "runs/a/checkpoint.json"}
+    names |= {'a "small"\\ room.yaml', "path.yaml"}
     found = dict(collect_files(NAMED))
     assert found.keys() == names | {"mine_in_pools.py", "helper_in_pools.py"}
     assert found["../maps/m.pgm"] == b"P5"

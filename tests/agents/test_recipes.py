@@ -9,8 +9,8 @@ import yaml
 
 from lidarnaut.agents.config import TrainingConfig, parse_config
 from lidarnaut.agents.recipes import RECIPES, find_recipe, with_recipe
-from lidarnaut.agents.start import train
-from lidarnaut.agents.sweep import expand
+from lidarnaut.agents.study import expand
+from lidarnaut.agents.training import train
 from lidarnaut.envs import ENVIRONMENTS, register
 from lidarnaut.envs.files import read_mapping, read_record
 from tests.test_contract import TASKS
@@ -146,7 +146,7 @@ def test_an_id_of_ones_own_has_the_recipe_of_its_task():
 
 def test_objects_and_runs_are_complete(tmp_path, monkeypatch, caplog, tiny_run):
     seen = []
-    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, **_: seen.append(config) or tmp_path)
+    monkeypatch.setattr("lidarnaut.agents.learning.run_training", lambda config, **_: seen.append(config) or tmp_path)
     caplog.set_level(logging.INFO, "lidarnaut.agents")
     data = {"environment": given(), "hyperparameters": {"gamma": 0.9}}
     train(data)

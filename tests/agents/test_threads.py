@@ -8,10 +8,11 @@ from stable_baselines3.common.logger import Logger
 from torch import nn
 
 import lidarnaut
-from lidarnaut.agents.algorithms import build_model
+from lidarnaut.agents import threads
 from lidarnaut.agents.config import parse_config
 from lidarnaut.agents.threads import split_batches
 from lidarnaut.agents.vec_env import make_vec_env
+from tests.agents.tiny import untrained
 
 ROBOTS = ("turtlebot3_burger", "turtlebot3_burger")
 TRAJECTORIES = ("trajectories", "goal", "motion", "limits")
@@ -24,7 +25,7 @@ def make(algorithm, id, num_envs=2, num_threads=1, network=None, hyperparameters
     data |= {"hyperparameters": {"n_steps": 4} | (hyperparameters or {}), "torch_threads": num_threads}
     config = parse_config(data, "test")
     env = make_vec_env(config)
-    model = build_model(config, env)
+    model = untrained(config, env)
     model.set_logger(Logger(None, []))
     return env, model
 
@@ -71,17 +72,19 @@ def test_parts_of_batches_give_the_gradients_of_the_whole_with_any_number_of_thr
 
 
 @pytest.mark.parametrize(("algorithm", "num_processes"), [("PPO", 2), ("RecurrentPPO", 0), ("TRPO", 0)])
-def test_trainings_are_equal_with_any_number_of_threads_and_processes(algorithm, num_processes):
+def test_trainings_are_equal_with_any_number_of_threads_and_processes(algorithm, num_processes, monkeypatch):
+    monkeypatch.setattr(threads, "MIN_ROWS", 8)
+    monkeypatch.setattr(threads, "MAX_PART", 8)
     weights = []
-    hyperparameters = {"n_steps": 8, "batch_size": 600} | ({"n_epochs": 1} if algorithm != "TRPO" else {})
+    hyperparameters = {"n_steps": 8, "batch_size": 40} | ({"n_epochs": 1} if algorithm != "TRPO" else {})
     for num_threads, num_workers in ((1, 0), (2, num_processes)):
         env, model = make(
-            algorithm, "ReachGoal", 150, num_threads, hyperparameters=hyperparameters, num_workers=num_workers,
+            algorithm, "ReachGoal", 10, num_threads, hyperparameters=hyperparameters, num_workers=num_workers,
             robots=ROBOTS, observations=("scan", "goal"),
         )  # fmt: skip
         with closing(env):
             env.seed(5)
-            model.learn(2 * 1200)
+            model.learn(2 * 80)
             weights.append([weight.detach().clone() for weight in model.policy.parameters()])
     assert all(torch.equal(one, other) for one, other in zip(*weights, strict=True))
 

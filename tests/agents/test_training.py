@@ -1,25 +1,32 @@
+import contextlib
 import copy
 import os
 import platform
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
+from unittest.mock import DEFAULT, Mock
 
+import numpy as np
 import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from lidarnaut.agents.algorithms import num_updates
+from lidarnaut.agents import algorithms, learning
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import curve_of, read_evaluations
 from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, new_run, write_evaluations
+from lidarnaut.agents.state import is_finite
 from lidarnaut.agents.training import train
+from lidarnaut.agents.vec_env import make_vec_env
 from lidarnaut.envs.files import Lock, LockedError, dump_record, parse_record, read_record
 from lidarnaut.train_command import main
 from tests.agents.fake_env import ID
+from tests.agents.tiny import untrained
 
 ROOT = Path(__file__).parents[2]
 
@@ -114,12 +121,14 @@ def test_a_run_goes_on_from_any_checkpoint_with_the_keys_that_may_change(tiny_ru
     assert record.config.environment.arguments["time_limit"] == 3.0
 
 
-def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_several(tiny_run, tiny_data, tmp_path):
-    torch.randn(5)
+def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_several(tiny_data, tmp_path):
     in_processes = tiny_data["environment"] | {"vectorization": "async"}
-    again = train(changed(tiny_data, environment=in_processes), run=tmp_path / "again", progress=False)
-    other = train(changed(tiny_data, seed=1), run=tmp_path / "other", progress=False)
-    first, second, third = (newest(run).policy for run in (tiny_run, again, other))
+    runs = []
+    for change in ({}, {"environment": in_processes}, {"seed": 1}):
+        torch.randn(5)
+        config = changed(tiny_data | {"total_steps": 128, "num_envs": 2}, **change)
+        runs.append(train(config, run=tmp_path / str(len(runs)), progress=False))
+    first, second, third = (newest(run).policy for run in runs)
     torch.testing.assert_close(first, second, atol=0.0, rtol=0.0)
     assert not all(torch.equal(first[key], third[key]) for key in first)
 
@@ -154,7 +163,7 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path,
     logged = [event.step for event in events]
     assert logged == sorted(set(logged))
     # The learning rate falls to one update's share of the initial rate.
-    assert events[-1].value == pytest.approx(7e-4 * 2 / num_updates(config))
+    assert events[-1].value == pytest.approx(7e-4 * 2 / (1280 // 128))
 
 
 @pytest.fixture(scope="module")
@@ -202,6 +211,30 @@ def test_a_training_that_diverges_says_so_and_leaves_good_checkpoints(tiny_data,
     assert main(["--resume", str(good), "--trust", ID, *lower]) == 0
 
 
+def test_weights_and_outputs_that_overflow_are_not_finite_without_an_error_of_torch(tiny_config):
+    with contextlib.closing(make_vec_env(tiny_config)) as env:
+        model = untrained(tiny_config, env)
+        assert is_finite(model)  # before the first episode
+        model._last_obs = env.reset()
+        assert is_finite(model)
+        weight = model.policy.action_net.weight.data
+        for number in (1e38, np.nan):
+            weight[:] = number
+            assert not is_finite(model)
+
+
+def test_an_algorithm_is_looked_up_and_inspected_once_per_training(tiny_data, tmp_path, monkeypatch):
+    calls, names = Counter(), ("find_algorithm", "_parameters", "_read_network", "prepare")
+    for name in names:
+        counted = Mock(
+            wraps=getattr(algorithms, name), side_effect=lambda *_, name=name: calls.update([name]) or DEFAULT
+        )
+        for module in (algorithms, learning):
+            monkeypatch.setattr(module, name, counted, raising=False)
+    train(changed(tiny_data, total_steps=128), run=tmp_path / "run", progress=False)
+    assert calls == dict.fromkeys(names, 1)
+
+
 def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it(tiny_data, tmp_path):
     broken = tiny_data["environment"] | {"world": "priceless_70"}
     with pytest.raises(ValueError, match=r"diverged at step 280: a reward of sub-environment 0 is nan; .*resume from"):
@@ -213,14 +246,19 @@ def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it
 def test_an_environment_that_fails_in_another_process_is_heard(tiny_data, tmp_path):
     broken = tiny_data["environment"] | {"world": "broken_6", "vectorization": "async"}
     with pytest.raises(RuntimeError, match="the floor gave way"):
-        train(changed(tiny_data, environment=broken), run=tmp_path / "run", progress=False)
+        train(changed(tiny_data, environment=broken, num_envs=1), run=tmp_path / "run", progress=False)
+
+
+def test_a_run_to_resume_has_its_own_folder(tiny_run, tiny_config, tmp_path):
+    with pytest.raises(ValueError, match=f"a run to resume has its own folder, {tiny_run}: leave out run"):
+        train(tiny_config, run=tmp_path / "run", resume=tiny_run, progress=False)
 
 
 def test_policies_learn(tiny_data, tmp_path):
     """The fake world is explored by driving straight ahead."""
     faster = {"n_steps": 64, "batch_size": 128, "n_epochs": 4, "learning_rate": "lin_2e-3"}
-    seldom = {"evaluation": {"every": 100_000, "episodes": 10, "references": []}, "checkpoints": {"every": 100_000}}
-    config = changed(tiny_data, total_steps=6144, num_envs=8, hyperparameters=faster, **seldom)
+    seldom = {"evaluation": {"every": 100_000, "episodes": 5, "references": []}, "checkpoints": {"every": 100_000}}
+    config = changed(tiny_data, total_steps=4096, num_envs=8, hyperparameters=faster, **seldom)
     rows = newest(train(config, run=tmp_path / "run", progress=False)).record.evaluations
     assert rows[-1]["gained_area"] > 3 * rows[0]["gained_area"] + 10
 

@@ -1,5 +1,6 @@
 """Trainings of less than a second."""
 
+from lidarnaut.agents.algorithms import build_model, find_algorithm, prepare
 from lidarnaut.agents.config import ALGORITHMS, parse_config
 
 CHOOSING = ("PPO", "A2C", "MaskablePPO", "DQN", "QRDQN")
@@ -31,3 +32,8 @@ def tiny(algorithm, id, **changes):
     data |= {"environment": environment, "hyperparameters": hyperparameters}
     data |= {"evaluation": {"episodes": 1, "every": 1000}, "checkpoints": {"every": 8, "keep": 2}}
     return parse_config(data | changes, "tiny")
+
+
+def untrained(config, env):
+    """Return an algorithm with an untrained policy."""
+    return build_model(prepare(config, find_algorithm(config.algorithm), env), env)

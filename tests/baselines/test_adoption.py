@@ -239,6 +239,18 @@ def test_an_optional_observation_does_not_make_a_factory(name):
     assert policy({"motion": np.full(4, 0.3, dtype=np.float32)}).shape == (2,)
 
 
+def test_what_a_function_returned_without_arguments_is_named_with_the_function():
+    def stand(seen=None):
+        return seen
+
+    with pytest.raises(ValueError, match=r"None, which <function .*stand.*> returned when called without"):
+        adopt(stand)
+    with pytest.raises(TypeError, match=r"lambda.* was called without arguments to make a policy: 'None"):
+        adopt(lambda seen=None: seen["motion"])
+    with pytest.raises(ValueError, match=r"^3 is not an explorer"):
+        adopt(3)
+
+
 def test_functions_declare_for_the_policy_that_they_return_and_leave_it_alone():
     duck = Duck()
 

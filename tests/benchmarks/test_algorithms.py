@@ -3,7 +3,7 @@ import pytest
 import yaml
 
 from lidarnaut.agents.config import find_configuration
-from lidarnaut.agents.sweep import run_sweep
+from lidarnaut.agents.study import run_study
 from lidarnaut.benchmarks import algorithms
 from lidarnaut.benchmarks.algorithms import TaskResults, difference, overview, task_section
 from lidarnaut.envs.measures import REACH
@@ -58,7 +58,7 @@ def test_a_task_says_who_is_above_random_and_below_the_classic():
 
 
 def test_a_sweep_becomes_a_page_whether_all_some_or_none_of_it_is_done(tmp_path):
-    folder = run_sweep(TINY, "mem", resume=tmp_path / "sweep", progress=False)
+    folder = run_study(TINY, "mem", resume=tmp_path / "sweep", progress=False)
     algorithms.main(folder, docs=tmp_path / "docs")
     page = (tmp_path / "docs" / "algorithms.md").read_text()
     assert {path.stem for path in (tmp_path / "docs" / "algorithms").iterdir()} == {"Rooms", "Goals"}

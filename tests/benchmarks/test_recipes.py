@@ -47,7 +47,7 @@ def test_the_page_has_curves_results_and_classic_policies_of_each_recipe(small, 
     ]  # fmt: skip
     assert {(row["split"], len(row["scores"].split())) for row in rows} == {("test", 3)}
     # Nothing is trained or measured again.
-    monkeypatch.setattr("lidarnaut.agents.training.train", None)
+    monkeypatch.setattr("lidarnaut.agents.learning.run_training", None)
     monkeypatch.setattr(recipes, "Evaluator", None)
     main(("ReachGoal-v0",), seeds=2, out=out, docs=docs, test_episodes=3)
     assert (docs / "recipes.md").read_text() == page

@@ -7,7 +7,16 @@ import sys
 import pytest
 
 from lidarnaut.envs import files
-from lidarnaut.envs.files import Lock, LockedError, append_file, naming, own_folder, sweep, temporary_beside, write_file
+from lidarnaut.envs.files import (
+    Lock,
+    LockedError,
+    append_file,
+    naming,
+    own_folder,
+    remove_leftovers,
+    temporary_beside,
+    write_file,
+)
 from lidarnaut.envs.logs.bag_writer import BagWriter
 
 NODE = platform.node()
@@ -29,7 +38,7 @@ def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path, dead):
     folder = tmp_path / f".step_7.{NODE}.{dead}.tmp"
     folder.mkdir()
     (folder / "weights").write_text("x")
-    sweep(tmp_path)
+    remove_leftovers(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(kept)
     assert temporary_beside(tmp_path / "a.csv").name == f".a.csv.{NODE}.{os.getpid()}.tmp"
 

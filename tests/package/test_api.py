@@ -69,7 +69,7 @@ def test_evaluate_has_the_defaults_of_settings():
 
 def test_train_keeps_the_objects_of_a_configuration(monkeypatch, tmp_path):
     seen = []
-    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, **_: seen.append(config) or tmp_path)
+    monkeypatch.setattr("lidarnaut.agents.learning.run_training", lambda config, **_: seen.append(config) or tmp_path)
     robot, crowd = load_robot("jackal"), lidarnaut.Crowd(number=3)
     environment = EnvironmentConfig(id="lidarnaut/ReachGoal-v0", robot=robot, people=crowd)
     config = TrainingConfig(experiment="a", algorithm="PPO", total_steps=64, environment=environment)

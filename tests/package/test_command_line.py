@@ -46,10 +46,18 @@ class Options:
     [
         *((measure, ["--episodes", count], "--episodes") for count in ("0", "-1", "1.5", "nan", "")),
         (measure, ["--path", "/"], ": [Errno 21] Is a directory: '/'\n"),
-        (show, [], "missing: PATH"),
+        (show, [], ": PATH Folder. (required)\n"),
         (show, ["a", "--knid", "slow"], "Unrecognized options: --knid, slow; Perhaps you meant: --kind {slow,fast}"),
-        (show, ["a", "--kind", "big"], "invalid choice 'big' for argument '--kind'. Expected one of ('slow', 'fast')"),
-        (show, ["a", "--bounds", "1", "x"], "Error parsing --bounds: no type matching {None}|{FLOAT FLOAT} could be"),
+        (
+            show,
+            ["a", "--kind", "big"],
+            "invalid choice 'big' for argument '--kind'. Expected one of ('slow', 'fast')\n",
+        ),
+        (
+            show,
+            ["a", "--bounds", "1", "x"],
+            "no type matching {None}|{FLOAT FLOAT} could be instantiated from ['1', 'x']; Arg",
+        ),
     ],
 )
 def test_wrong_options_are_one_plain_line(function, arguments, says, encoding, capsys, monkeypatch):

@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from lidarnaut.agents.algorithms import build_model, build_policy
+from lidarnaut.agents.algorithms import build_policy
 from lidarnaut.agents.checkpoint import load_checkpoint, save_checkpoint
 from lidarnaut.agents.config import TrainingConfig, parse_config
 from lidarnaut.agents.run_folder import CheckpointError
@@ -33,6 +33,7 @@ from lidarnaut.envs.logs.replay import Options
 from lidarnaut.envs.logs.replay import main as replay
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.tasks.explore import Explore
+from tests.agents.tiny import untrained
 from tests.logs.bags import drive, write_bag
 from tests.logs.test_logs import ARRAYS, CARMEN, ROBOTLASER
 from tests.robustness.damage import damaged_arrays, damaged_bytes, damaged_messages, damaged_tree
@@ -151,7 +152,7 @@ def try_checkpoint(folder, draw):
     if not valid.is_dir():
         config = parse_record(CONFIG, "small", TrainingConfig)
         env = GymnasiumVecEnv(make_vector(config.environment, "train", config.num_envs))
-        saved = save_checkpoint(capture(build_model(config, env), config, [], 10.0), folder.parents[1] / "run", keep=2)
+        saved = save_checkpoint(capture(untrained(config, env), config, [], 10.0), folder.parents[1] / "run", keep=2)
         env.close()
         saved.rename(valid)
     damaged = Path(shutil.copytree(valid, folder / "input"))

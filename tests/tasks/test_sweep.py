@@ -6,7 +6,7 @@ import pytest
 from scipy import ndimage
 
 from lidarnaut.baselines import policies_for
-from lidarnaut.baselines.sweep import boustrophedon, spiral
+from lidarnaut.baselines.sweeping import boustrophedon, spiral
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.tasks.coverage import Frame
@@ -77,7 +77,7 @@ def test_a_policy_goes_on_until_the_time_limit_if_floor_is_left(monkeypatch):
     episode = play(env, "boustrophedon")
     assert (episode.end_reason, episode.collisions) == ("time_limit", 0)
     assert episode.swept_fraction > 0.6
-    monkeypatch.setattr("lidarnaut.baselines.sweep.travel_field", lambda *_: None)  # no reachable floor
+    monkeypatch.setattr("lidarnaut.baselines.sweeping.travel_field", lambda *_: None)  # no reachable floor
     assert play(env, "boustrophedon").end_reason == "no_floor_left"
 
 
@@ -123,7 +123,7 @@ def test_a_robot_that_covers_a_tiny_cell_ends_at_once():
 
 
 def test_a_policy_ends_after_its_last_pass(monkeypatch):
-    monkeypatch.setattr("lidarnaut.baselines.sweep.MAX_PASSES", 2)
+    monkeypatch.setattr("lidarnaut.baselines.sweeping.MAX_PASSES", 2)
     env = LidarEnv(Sweep, **SETTINGS | {"world": SMALL, "robot": "create3"}, target_swept=1.0)
     episode = play(env, "boustrophedon")
     assert (episode.end_reason, episode.collisions) == ("no_floor_left", 0)

@@ -3,6 +3,7 @@ import shutil
 import signal
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ def test_half_of_the_library_is_held_out_and_tasks_hold_none_of_it_and_fit_their
     assert not set(TRAINING_WORLDS) & set(HELD_OUT.worlds)
     assert not set(TRAINING_ROBOTS) & set(HELD_OUT.robots)
     rng = np.random.default_rng(0)
-    tasks = [draw_task(rng) for _ in range(200)]
+    tasks = [draw_task(rng) for _ in range(80)]
     names = {task.world for task in tasks}
     assert {*SIDES} < names <= {*SIDES, *TRAINING_WORLDS}
     assert all(task.world_seed % 2 == 0 for task in tasks)
@@ -56,13 +57,28 @@ def test_a_score_that_shuns_gain_takes_longer():
 WHOLE = EvolutionConfig(**TINY | {"tasks": 2}, generations=3)
 
 
+def shrink(patch):
+    """Explore small rooms in this process."""
+    patch.setitem(SIDES, "rooms", (6.0, 7.0))
+    patch.setattr("lidarnaut.agents.frontiers.tasks.LEAST_AREA", 2.0)
+    patch.setattr("lidarnaut.agents.frontiers.tasks.LIBRARY_SHARE", 0.0)
+    patch.setattr(evolution, "make_pool", lambda *_: ThreadPoolExecutor(1))
+
+
+@pytest.fixture
+def small_rooms(monkeypatch):
+    shrink(monkeypatch)
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     run = tmp_path_factory.mktemp("runs") / "whole"
-    return evolve(WHOLE, run=run, progress=False)
+    with pytest.MonkeyPatch.context() as patch:
+        shrink(patch)
+        return evolve(WHOLE, run=run, progress=False)
 
 
-def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(whole, tmp_path):
+def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(whole, small_rooms, tmp_path):
     """After a kill in the second generation, the folder has the results of the first generation only."""
     part = shutil.copytree(whole, tmp_path / "part")
     shutil.rmtree(part / "policy")
@@ -78,7 +94,7 @@ def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(whole, tmp_path):
     assert (part / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_ctrl_c_names_the_run_which_the_command_line_continues(tmp_path, monkeypatch, capsys):
+def test_ctrl_c_names_the_run_which_the_command_line_continues(small_rooms, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     config = tmp_path / "tiny.yaml"
     config.write_text(dump_record(EvolutionConfig(**TINY, generations=100)))
@@ -110,7 +126,7 @@ def test_ctrl_c_names_the_run_which_the_command_line_continues(tmp_path, monkeyp
     assert f"{run} is in use: process" in capsys.readouterr().err
 
 
-def test_validations_are_logged_after_nearest_which_is_measured_once(whole, tmp_path, monkeypatch):
+def test_validations_are_logged_after_nearest_which_is_measured_once(whole, small_rooms, tmp_path, monkeypatch):
     nearest, first, *later = rows = read_evaluations(whole)
     assert [(row["policy"], row["steps"]) for row in (nearest, first)] == [("nearest", 0), ("learned", 0)]
     assert [(row["policy"], row["steps"]) for row in later] == [("learned", 2), ("learned", 3)]

@@ -1,4 +1,4 @@
-"""Sweeps: training runs for all combinations of settings (`sweep`) and random seeds (`seeds`)."""
+"""Studies: a training for each combination of settings (key `sweep`) and random seed (key `seeds`)."""
 
 import contextlib
 import itertools
@@ -25,7 +25,7 @@ from lidarnaut.agents.curves import (
     SCORES,
     Row,
     curve_of,
-    draw_sweep,
+    draw_study,
     headline_of_rows,
     read_evaluations,
     result_of,
@@ -50,14 +50,14 @@ LOGGER = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """Training run of a sweep."""
+    """Training of a study."""
 
     values: Mapping[str, Any]
-    """Values that the sweep sets in this run, by configuration key, without the seed."""
+    """Values that the study sets in this run, by configuration key, without the seed."""
     config: TrainingConfig | EvolutionConfig
     run: Path
     group: str = ""
-    """Name of this run's settings, if the sweep compares named settings. Learning curves of equal name share a plot."""
+    """Name of this run's settings, if the study compares named settings. Learning curves of equal name share a plot."""
     recipe: str = ""
     """Description of the recipe under the configuration; empty without one."""
 
@@ -66,7 +66,7 @@ class Member:
         return ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in self.values.items()) or "all"
 
 
-def run_sweep(
+def run_study(
     data: Mapping[str, Any],
     source: str,
     *,
@@ -75,7 +75,7 @@ def run_sweep(
     jobs: int = 1,
     progress: bool = True,
 ) -> Path:
-    """Train the unfinished runs of a sweep; write `sweep.csv` and plots; return the folder.
+    """Train the unfinished runs of a study; write `sweep.csv` and plots; return the folder.
 
     `data`: configuration with `sweep` or `seeds`. `source`: origin of the configuration, for messages. Other arguments
     and errors are those of `lidarnaut.train`; machines of a Ray cluster share the folder. Also raises ValueError if
@@ -121,7 +121,7 @@ def run_sweep(
 
 
 def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
-    """Return the runs of a sweep: all combinations of settings and seeds; ValueError if invalid.
+    """Return the runs of a study: all combinations of settings and seeds; ValueError if invalid.
 
     Among runs with the same evaluation episodes, only the first evaluates the reference policies.
     """
@@ -214,6 +214,8 @@ def _processes(jobs: int) -> Iterator[Executor]:
 
 
 def _try_apart(member: Member) -> str:
+    if is_finished(member):
+        return ""
     with make_pool(1, None) as pool, interrupts_held():
         return pool.submit(try_member, member).result()
 
@@ -233,9 +235,9 @@ def train_member(member: Member, *, progress: bool = False) -> None:
 
             evolve(config, run=run, resume=run if (run / "config.yaml").exists() else None, progress=progress)
         else:
-            from lidarnaut.agents.training import train
+            from lidarnaut.agents.learning import run_training
 
-            train(config, run=run, resume=run if list_checkpoints(run) else None, progress=progress)
+            run_training(config, run=run, resume=run if list_checkpoints(run) else None, progress=progress)
     finally:
         if run.is_dir():
             write_file(run / TIME, f"{processor_time(run) + time.process_time() - begun:.1f}\n")
@@ -260,7 +262,7 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
         intervals = {label: np.array(list(map(_point, zip(*runs)))) for label, runs in curves.items()}
         picture = folder / (f"{_slug(group)}.png" if group else PICTURE)
         with naming(picture):
-            draw_sweep(intervals, headline, group or folder.name, picture)
+            draw_study(intervals, headline, group or folder.name, picture)
         if shows:
             shown = Table("trainings", "seeds", "steps", f"{headline} at the end", "95 % interval")
             for label, points in intervals.items():

@@ -1,15 +1,20 @@
 import csv
 import json
+import shutil
 import sys
 from pathlib import Path
 
 import pytest
 
+import lidarnaut
 from lidarnaut import train_command as train
-from lidarnaut.agents.config import EvolutionConfig
-from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.agents.sweep import expand, run_sweep
+from lidarnaut.agents import learning
+from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, parse_config
+from lidarnaut.agents.run_folder import CheckpointError, prepare_folder
+from lidarnaut.agents.study import expand, run_study
+from lidarnaut.envs.files import read_record
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
+from tests.agents.frontiers.test_evolution import shrink
 
 
 def read_table(path, *columns):
@@ -17,10 +22,12 @@ def read_table(path, *columns):
         return [[float(row[name]) for name in columns] for row in csv.DictReader(file)]
 
 
+BRIEF = {"total_steps": 128, "evaluation": {"every": 128, "episodes": 1, "references": []}}
+
+
 @pytest.fixture
 def data(tiny_data):
-    changes = {"total_steps": 128, "evaluation": {"every": 128, "episodes": 1, "references": []}}
-    return tiny_data | changes | {"sweep": {"hyperparameters.gamma": [0.9, 0.99]}, "seeds": [0, 1]}
+    return tiny_data | BRIEF | {"sweep": {"hyperparameters.gamma": [0.9, 0.99]}, "seeds": [0, 1]}
 
 
 def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture_per_task(data, tmp_path, capsys, monkeypatch):
@@ -37,7 +44,7 @@ def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture_per_ta
     assert (folder / "two.png").read_bytes().startswith(b"\x89PNG")
     assert "gamma 0.99" in capsys.readouterr().out
     trained = []
-    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, **how: trained.append(how["resume"]))
+    monkeypatch.setattr("lidarnaut.agents.learning.run_training", lambda config, **how: trained.append(how["resume"]))
     runs = sorted(path for path in folder.iterdir() if path.is_dir())
     assert train.main(["--resume", str(folder), "--trust", "tests"]) == 0
     assert trained == []
@@ -73,10 +80,10 @@ class Features(ExplorerFeatures):
 
 
 FOUND = {
-    "kill": "BrokenProcessPool: A process in the process pool was terminated abruptly",
     "key": "KeyError: 'a bug of mine' (traceback: ",
     "exit": "SystemExit: gone (traceback: ",
     "odd": "Unpicklable: two lines of it (traceback: ",
+    "kill": "BrokenProcessPool: A process in the process pool was terminated abruptly",
 }
 
 
@@ -87,7 +94,7 @@ def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(data, tmp_path, 
     own = {"policy_kwargs": {"features_extractor_class": "bugs:Features"}}
     data["sweep"] = {"kind": {"bad": {"hyperparameters": own}, "good": {}}}
     (tmp_path / "tiny.yaml").write_text(json.dumps(data | {"seeds": [0]}))
-    command, good = ["--config", "tiny.yaml", "--jobs", "2"], None
+    command, good = ["--config", "tiny.yaml"], None
     for bug, says in FOUND.items():
         (tmp_path / "bug").write_text(bug)
         assert train.main(command) == 2
@@ -103,7 +110,8 @@ def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(data, tmp_path, 
             assert "bugs.py" in kept.read_text()
         assert len(read_table(folder / "sweep.csv")) == 1
         good = good or (folder / "001_kind=good__0" / "processor_time").read_text()
-        command = ["--resume", str(folder), "--trust", "bugs", "tests"]
+        jobs = "2" if bug == "odd" else "1"  # the last bug kills its process
+        command = ["--resume", str(folder), "--jobs", jobs, "--trust", "bugs", "tests"]
     (tmp_path / "bug").write_text("")
     assert train.main(command) == 0
     assert (folder / "000_kind=bad__0" / "checkpoints" / "step_000000128").is_dir()
@@ -111,9 +119,24 @@ def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(data, tmp_path, 
     assert not kept.exists()
 
 
-def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
+@pytest.fixture
+def copies(tiny_data, tmp_path_factory, monkeypatch):
+    """Trainings that copy a finished one, with their own configuration."""
+    config = parse_config(tiny_data | BRIEF, "tiny")
+    source = learning.run_training(config, run=tmp_path_factory.mktemp("runs") / "source", progress=False)
+    whole = read_record(source / "config.yaml", TrainingConfig)
+
+    def copy(config, *, run, **_):
+        shutil.copytree(source, run, ignore=shutil.ignore_patterns(".lock"))
+        values = {"hyperparameters": whole.hyperparameters | config.hyperparameters, "network": whole.network}
+        prepare_folder(run, config.model_copy(update=values))
+
+    monkeypatch.setattr(learning, "run_training", copy)
+
+
+def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, copies, tmp_path):
     folder, data = tmp_path / "sweep", data | {"seeds": [0]}
-    run_sweep(data, "mem", resume=folder, progress=False)
+    assert lidarnaut.train(data, run=folder, progress=False) == folder
     swept = (folder / "sweep.yaml").read_text()
     for changes, says in (
         ({"sweep": {"hyperparameters.gamma": [0.9, 0.98]}}, "001_gamma=0.99__0 is no longer in the sweep: sweep, ex"),
@@ -128,13 +151,13 @@ def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
         ({"network": {"hidden": 8}}, "network.hidden: 64, not 8"),
     ):
         with pytest.raises(CheckpointError, match=says):
-            run_sweep(data | changes, "mem", resume=folder, progress=False)
+            run_study(data | changes, "mem", resume=folder, progress=False)
     assert (folder / "sweep.yaml").read_text() == swept
     more = data | {"sweep": {"hyperparameters.gamma": [0.9, 0.99, 0.5]}, "checkpoints": {"every": 128}}
-    run_sweep(more, "mem", resume=folder, progress=False)
+    run_study(more, "mem", resume=folder, progress=False)
     assert read_table(folder / "sweep.csv", "hyperparameters.gamma") == [[0.9], [0.99], [0.5]]
     times = {path: path.read_text() for path in folder.glob("*/processor_time")}
-    run_sweep(more | {"seeds": [0, 1]}, "mem", resume=folder, progress=False)
+    run_study(more | {"seeds": [0, 1]}, "mem", resume=folder, progress=False)
     rows = [[gamma, seed] for gamma in (0.9, 0.99, 0.5) for seed in (0, 1)]
     assert read_table(folder / "sweep.csv", "hyperparameters.gamma", "seed") == rows
     assert len(list(folder.glob("*/config.yaml"))) == 6
@@ -144,9 +167,9 @@ def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
 
 def test_a_single_run_does_not_become_a_sweep(data, tiny_run):
     with pytest.raises(ValueError, match="jobs must be at least 1, got 0"):
-        run_sweep(data, "mem", resume=tiny_run, jobs=0, progress=False)
+        run_study(data, "mem", resume=tiny_run, jobs=0, progress=False)
     with pytest.raises(CheckpointError, match="tiny holds a single run: sweep and seeds may not change"):
-        run_sweep(data, "mem", resume=tiny_run, progress=False)
+        run_study(data, "mem", resume=tiny_run, progress=False)
     assert not (tiny_run / "sweep.yaml").exists()
 
 
@@ -175,7 +198,7 @@ def test_trainings_whose_names_are_alike_keep_their_runs(data, tmp_path):
 )
 def test_mistakes_are_named_before_anything_is_trained(data, tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
-        run_sweep(data | changes, "mem", resume=tmp_path / "sweep", progress=False)
+        run_study(data | changes, "mem", resume=tmp_path / "sweep", progress=False)
     assert not (tmp_path / "sweep").exists()
 
 
@@ -197,11 +220,12 @@ def test_tasks_bring_settings_of_their_own_and_some_algorithms_fit_some_of_them(
     assert [bool(one.config.evaluation.references) for one in members] == [True, False, False, False, True, False]
 
 
-def test_evolutions_are_swept_as_well(tmp_path):
+def test_evolutions_are_swept_as_well(tmp_path, monkeypatch):
+    shrink(monkeypatch)
     swept = EVOLUTION | {"generations": 1, "sweep": {"sigma": [0.05]}, "seeds": [3]}
-    folder = run_sweep(swept, "mem", resume=tmp_path / "sweep", progress=False)
+    folder = run_study(swept, "mem", resume=tmp_path / "sweep", progress=False)
     assert read_table(folder / "sweep.csv", "sigma", "steps") == [[0.05, 1]]
     assert all(isinstance(member.config, EvolutionConfig) for member in expand(swept, "mem", folder))
-    run_sweep(swept | {"num_workers": 2}, "mem", resume=folder, progress=False)
+    run_study(swept | {"num_workers": 2}, "mem", resume=folder, progress=False)
     with pytest.raises(CheckpointError, match=r"000_sigma=0.05__3 holds tasks: 1, not 2"):
-        run_sweep(swept | {"tasks": 2}, "mem", resume=folder, progress=False)
+        run_study(swept | {"tasks": 2}, "mem", resume=folder, progress=False)

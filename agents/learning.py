@@ -1,0 +1,108 @@
+"""Training of a policy by reinforcement learning."""
+
+import contextlib
+import multiprocessing
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import torch
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from torch.utils.tensorboard import SummaryWriter
+
+from lidarnaut.agents.algorithms import build_model, find_algorithm, prepare, takes_vectors
+from lidarnaut.agents.callbacks import RunCallback
+from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.curves import curve_of
+from lidarnaut.agents.evaluation import Evaluator
+from lidarnaut.agents.references import measure_references
+from lidarnaut.agents.replay import ReplayFiles
+from lidarnaut.agents.resume import check_changes
+from lidarnaut.agents.run_folder import discard_after, find_checkpoint, is_measured, new_run, prepare_folder
+from lidarnaut.agents.state import check_spaces, is_finite, restore
+from lidarnaut.agents.trust import named_code
+from lidarnaut.agents.vec_env import make_vec_env
+from lidarnaut.envs.files import Lock, own_folder
+from lidarnaut.envs.progress import Progress
+from lidarnaut.envs.vector.workers import UNGUARDED
+
+
+def run_training(
+    config: TrainingConfig,
+    *,
+    run: Path | None = None,
+    resume: Path | None = None,
+    trust: Iterable[str] = (),
+    progress: bool = True,
+) -> Path:
+    """Train a policy with a complete configuration, see `lidarnaut.train`; return the run folder.
+
+    `resume`: run or checkpoint folder. `trust`: names of code that the checkpoint may import, besides those in
+    `config`.
+    """
+    source = checkpoint = None
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise RuntimeError(f"a worker process imports the script that trains{UNGUARDED}")
+    with contextlib.ExitStack() as held:
+        if resume is not None:
+            held.enter_context(Lock(own_folder(find_checkpoint(resume).parent.parent)))
+            source = find_checkpoint(resume)  # again, after locking
+            checkpoint = load_checkpoint(source, trust=[*trust, *named_code(config.model_dump())])
+            check_changes(config, "training", source, checkpoint.record.config)
+        evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
+        algorithm = find_algorithm(config.algorithm)
+        env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=takes_vectors(algorithm))))
+        prepared = prepare(config, algorithm, env)
+        config = prepared.config
+        held.callback(torch.set_num_threads, torch.get_num_threads())  # `build_model` changes it
+        model = build_model(prepared, env)
+        for name in config.evaluation.references:
+            evaluator.make_reference(name)  # Unknown names are found before the first step.
+        references = {name: evaluator.mark(name) for name in config.evaluation.references}
+        if checkpoint is None or source is None:
+            run = held.enter_context(new_run(config, run))
+        else:
+            check_changes(config, "training", source, checkpoint.record.config)
+            check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))
+            restore(model, checkpoint, source)
+            run = discard_after(source)
+            prepare_folder(run, config)
+        replay = None
+        if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
+            replay = ReplayFiles(model.replay_buffer, run)
+            replay.read(checkpoint.record.replay if checkpoint else {})
+        # Checkpoints do not hold episodes: resumed trainings start new ones.
+        env.seed(int(np.random.SeedSequence([config.seed, model.num_timesteps]).generate_state(1)[0] >> 1))
+        evaluations = curve_of(checkpoint.record.evaluations) if checkpoint else []
+        # The first evaluation of a run precedes its first checkpoint.
+        purge_step = model.num_timesteps + 1 if evaluations else None
+        model.set_logger(Logger(str(run), [_TensorBoard(run, purge_step)]))
+        total_steps, steps = prepared.num_updates * prepared.rollout_steps, model.num_timesteps
+        if steps < total_steps or not is_measured(run):
+            bar = Progress(total=total_steps, initial=steps, unit="step", disable=not progress)
+            bar.rate, saved = 0.0, steps if checkpoint else None
+            keeper = RunCallback(prepared, run, evaluator, evaluations, saved, replay, bar)
+            keeper.model = model
+            try:
+                with bar:
+                    if steps < total_steps:
+                        model.learn(total_steps - steps, keeper, reset_num_timesteps=False)
+                keeper.finish(measure_references(config, evaluator, references, progress=progress))
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(keeper.save()) from None
+            except ValueError:  # of distributions with such parameters, among others
+                if is_finite(model):
+                    raise
+                raise keeper.diverged() from None
+        model.logger.close()
+    return run
+
+
+class _TensorBoard(TensorBoardOutputFormat):
+    """TensorBoard writer that hides events logged after the resumed checkpoint."""
+
+    def __init__(self, run: Path, purge_step: int | None) -> None:
+        self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=purge_step)
+        self._is_closed = False
