@@ -17,7 +17,6 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.files import explain_unknown, resolve
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.measures import PEOPLE
 from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
@@ -25,14 +24,14 @@ from lidarnaut.envs.observations import Observations, Tracks, make_parts
 from lidarnaut.envs.overrides import overridden, shadowed
 from lidarnaut.envs.randomization import Randomization, Ranges
 from lidarnaut.envs.rendering.scene import Scene, scene_of
-from lidarnaut.envs.robot import MAX_PERSON_GAP, REMEMBER_TRUE, GroundTruth, Robot, reset_robots
+from lidarnaut.envs.robot import REMEMBER_TRUE, GroundTruth, Robot, reset_robots
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.sensor import Measured, make_sensors
 from lidarnaut.envs.simulation import KinematicSimulator, Reading, Simulator, Twist, make_simulator
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
-from lidarnaut.envs.task import COLUMNS, SHARED_QUANTITIES, Task
+from lidarnaut.envs.task import Brief, Quantities
 from lidarnaut.envs.transition import people_metrics, pose_errors, update_robots
 from lidarnaut.envs.worlds import World
 
@@ -125,7 +124,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         check_positive(control_hz=control_hz)
         if time_limit is not None and time_limit != math.inf and not (is_number(time_limit) and time_limit > 0):
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
-        self.task: Any = make_task(task, settings)
+        self.task = make_task(task, settings)
         self.robot = choose_robot(robot, getattr(self.task, "world", ""))
         """Nominal robot parameters; randomization changes only the simulated robot."""
         self.control_period = period = 1.0 / control_hz
@@ -133,7 +132,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         num_robots = self.task.num_robots
         self.simulator = make_simulator(physics, self.robot, period, num_robots, crowd_of(people))
         if people is not None:
-            self.task.measures = (*self.task.measures, *PEOPLE)  # type: ignore[misc]
+            self.task.measures = (*self.task.measures, *PEOPLE)
         estimators, by_truth = [self.task.make_estimator() for _ in range(num_robots)], self.task.uses_true_motion
         self.robots = [Robot(self.robot, period, each, uses_true_motion=by_truth) for each in estimators]
         self._randomization: Randomization | None = None
@@ -232,6 +231,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
         """Initial pose, covariance and map of each robot."""
         reset_robots(self.robots, rows, readings, self.priors, rngs[1::2])
+        task.begin(self.simulator, self.robots)
         usual = task.reset(self.simulator, self.robots, self.np_random, task.options)
         for part in self.parts.values():
             if hasattr(part, "reset"):
@@ -311,10 +311,17 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             for robot, reading in zip(self.robots, readings, strict=True):
                 robot.reading = reading
         self.locate()
-        self.task.update(self.simulator, self.robots, self.control_period)
+        self.update_task()
         if self.on_period is not None:
             numbers = self.rows.numbers[:, at.COMMAND_V : at.COMMAND_W + 1]
             self.on_period([Twist(v, w) for v, w in numbers.tolist()])
+
+    def update_task(self) -> None:
+        """Update the task, and take over its quantities, once in each control period."""
+        period = self.control_period
+        self.task.update(self.simulator, self.robots, period)
+        contact = period * sum(robot.bumper for robot in self.robots)
+        self.quantities = {"time": period, "collision": contact, **self.task.quantities()}
 
     def locate(self) -> None:
         flags = self.rows.numbers[:, at.FLAGS].tolist()
@@ -331,7 +338,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of a step; `is_last` truncates the episode."""
-        rewards = self.reward_terms(self.task.quantities())
+        rewards = self.reward_terms(self.quantities)
         return self.judge(rewards, self.info(rewards), is_last)
 
     def reward_terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
@@ -532,32 +539,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.time_limit = usual
 
 
-class Quantities(dict[str, Any]):
-    """Quantities of a step: those of the task, and shared ones (see `Rewards`), computed when first read by name."""
-
-    def __init__(self, own: Mapping[str, Any], env: Any) -> None:
-        """Begin with the task's quantities `own`, and shared ones with a weight. `env`: `LidarEnv` after a step."""
-        super().__init__(own)
-        self._env = env
-        self.update({name: self[name] for name in env.task.rewards.shared})
-
-    def __missing__(self, name: str) -> Any:
-        rows, world = self._env.rows.numbers, self._env.world
-        if name in COLUMNS:
-            values = rows[:, COLUMNS[name]].copy()
-        elif name == "obstacle_gap":
-            bodies, values = rows[:, [at.X, at.Y, at.ROBOT]], np.empty(len(rows))
-            for k, (x, y, radius) in enumerate(bodies.tolist()):
-                circles = np.ascontiguousarray(np.vstack([world.circles, np.delete(bodies, k, axis=0)]))
-                values[k] = min(max(clearance(x, y, world.segments, circles) - radius, 0.0), MAX_PERSON_GAP)
-        elif name in SHARED_QUANTITIES:
-            values = pose_errors(rows)[:, int(name == "yaw_error")]
-        else:
-            raise ValueError(f"unknown quantity {explain_unknown(name, dict.fromkeys([*self, *SHARED_QUANTITIES]))}")
-        self[name] = values if self._env.task.is_team else float(values[0])
-        return self[name]
-
-
 def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
     """Return the `LidarEnv` inside wrappers or a frontier environment; raise TypeError without one."""
     inner = getattr(env.unwrapped, "explore", env.unwrapped)
@@ -566,7 +547,7 @@ def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
     return inner
 
 
-def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
+def make_task(task: Any, settings: Mapping[str, Any]) -> Any:
     """Create a task from a class or `module:attribute`, with `settings` as its arguments.
 
     Raises:
@@ -574,15 +555,14 @@ def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
         TypeError: if an argument is unknown.
     """
     kind: Any = resolve(task, {}, "task")
-    if not (isinstance(kind, type) and issubclass(kind, Task)):
+    if not (isinstance(kind, type) and issubclass(kind, Brief)):
         wanted = "a subclass of lidarnaut.envs.task.Task, or module:attribute of one"
         raise ValueError(f"task must be {wanted}, got {task!r}")
     allowed = [*inspect.signature(kind).parameters, *SHARED]
     if unknown := [name for name in settings if name not in allowed]:
         hint = explain_unknown(unknown[0], allowed)
         raise TypeError(f"task {kind.__name__} got an unexpected keyword argument {hint}")
-    made: Task = kind(**settings)
-    return made
+    return kind(**settings)
 
 
 SHARED = tuple(list(inspect.signature(LidarEnv.__init__).parameters)[2:-1])

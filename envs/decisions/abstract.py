@@ -203,7 +203,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             ranges[beams] = np.fmin(ranges[beams], self.robot.lidar.range_max) * rng.random(len(beams))
         truth.update()
         robot.follow(self._mapping.process_key_scan(ranges, pose))
-        explore.task.update(simulator, explore.robots, explore.control_period)
+        explore.update_task()
         self._note(count, 0)
         return is_free
 

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from lidarnaut.envs.arguments import check_positive, is_whole
-from lidarnaut.envs.core import LidarEnv, Quantities
+from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.decisions.drive import UNCHECKED, drive
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import (
@@ -28,7 +28,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import BLOCK
-from lidarnaut.envs.task import magnitude
+from lidarnaut.envs.task import Quantities, magnitude
 from lidarnaut.envs.tasks.explore import Explore
 
 MAX_CANDIDATES = 1000
@@ -349,7 +349,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if self.render_mode == "human":
             self.render()
         period, quantities = self.explore.control_period, self._quantities
-        for name, quantity in self.explore.task.quantities().items():
+        for name, quantity in self.explore.quantities.items():
             quantities[name] += quantity
         if count > 1:
             quantities["time"] += (count - 1) * period
