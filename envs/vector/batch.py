@@ -146,8 +146,12 @@ class Batch:
     def _finish(self, indices: Sequence[int]) -> None:
         if self._has_no_maps:
             self._extend_trails(indices)
-        for i in indices:
-            self._envs[i].locate() if self._updates_rows else self._envs[i].finish()
+        for env in (self._envs[i] for i in indices):
+            if self._updates_rows:
+                env.locate()
+                env.quantities = env.task.quantities()
+            else:
+                env.finish()
 
     def _extend_trails(self, indices: Iterable[int]) -> None:
         for i in indices:
@@ -210,7 +214,7 @@ class Batch:
 
     def _judge(self, going: np.ndarray, chosen: list[int], columns: Any, records: Records) -> None:
         tasks, numbers, where = [env.task for env in self._envs], self.numbers, slice(None) if going.all() else going
-        rows = {} if columns else {i: tasks[i].quantities() for i in chosen}
+        rows = {} if columns else {i: self._envs[i].quantities for i in chosen}
         self._names = next(iter(rows.values()), self._names)
         quantities, metrics = columns or (self._at_rest(), {})
         weights = tasks[0].rewards.weights if self._has_columns else ()
