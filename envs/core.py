@@ -317,11 +317,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.on_period([Twist(v, w) for v, w in numbers.tolist()])
 
     def update_task(self) -> None:
-        """Update the task, and take over its quantities, once in each control period."""
+        """Update the task and the quantities of its reward; called once in each control period."""
         period = self.control_period
         self.task.update(self.simulator, self.robots, period)
-        contact = period * sum(robot.bumper for robot in self.robots)
-        self.quantities = {"time": period, "collision": contact, **self.task.quantities()}
+        self.quantities = {"time": period, **self.task.quantities()}
+        if "collision" not in self.quantities:
+            self.quantities["collision"] = period * sum(robot.bumper for robot in self.robots)
 
     def locate(self) -> None:
         flags = self.rows.numbers[:, at.FLAGS].tolist()

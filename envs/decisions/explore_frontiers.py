@@ -349,8 +349,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if self.render_mode == "human":
             self.render()
         period, quantities = self.explore.control_period, self._quantities
-        for name, quantity in self.explore.quantities.items():
-            quantities[name] += quantity
+        for name in quantities.keys() & self.explore.quantities:
+            quantities[name] += self.explore.quantities[name]
         if count > 1:
             quantities["time"] += (count - 1) * period
             quantities["collision"] += contacts * period

@@ -47,8 +47,8 @@ class GoalBrief(Brief):
             raise ValueError(f"heading_tolerance must be None or lie in (0, pi], got {self._given_tolerance!r}")
         self._goal, self._goals = self.goal, np.zeros((1, 2))
         self.heading_tolerance = self._tolerance(False)
-        if not isinstance(self._read_goal(self.goal), str):
-            GoalBrief.set_goal(self, self.goal)
+        if isinstance(read := self._read_goal(self.goal), Pose2D):
+            GoalBrief._set_goal(self, read, has_heading=len(self.goal) > 2)
         super().attach(robot, control_period, physics)
 
     def reset(
@@ -61,15 +61,15 @@ class GoalBrief(Brief):
 
     def set_goal(self, goal: Sequence[float]) -> float:
         """Set a goal (x, y[, theta]), map frame; return a time limit [s]. ValueError if not finite or reachable."""
-        self.goal, self.heading_tolerance = self._read_given(goal), self._tolerance(len(goal) > 2)
-        self._goals[0], self.has_goal = self.goal[:2], True
-        return math.inf
-
-    def _read_given(self, goal: Any) -> Pose2D:
         if isinstance(goal, str):
             raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
         read: Any = self._read_goal(goal)
-        return read
+        return self._set_goal(read, has_heading=len(goal) > 2)
+
+    def _set_goal(self, goal: Pose2D, *, has_heading: bool = False) -> float:
+        self.heading_tolerance = self._tolerance(has_heading)
+        self.goal, self._goals[0], self.has_goal = goal, goal[:2], True
+        return math.inf
 
     def _read_goal(self, goal: Any) -> str | Pose2D:
         if isinstance(goal, str) and goal in ("random", "world"):
@@ -118,15 +118,12 @@ class GoalTask(GoalBrief, WorldTask):
             return self._set_goal(self.map_pose.between(goals[nearest]))
         return self.set_goal(goal)
 
-    def set_goal(self, goal: Sequence[float]) -> float:
-        return self._set_goal(self._read_given(goal), has_heading=len(goal) > 2)
-
     def _set_goal(self, goal: Pose2D, *, has_heading: bool = False) -> float:
         true_goal = self.map_pose.compose(goal)
         if not self.area.is_traversable(true_goal):
             raise ValueError(f"goal {tuple(goal)} (map frame) is not reachable by the robot")
-        self.heading_tolerance = self._tolerance(has_heading)
-        self.goal, self._true_goal = goal, true_goal
+        super()._set_goal(goal, has_heading=has_heading)
+        self._true_goal = true_goal
         return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
 
     def _draw_goal(self, rng: np.random.Generator) -> Pose2D:
