@@ -31,7 +31,7 @@ from lidarnaut.envs.simulation import KinematicSimulator, Reading, Simulator, Tw
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
-from lidarnaut.envs.task import Brief, Quantities
+from lidarnaut.envs.task import DEFAULT_TIME_LIMIT, Brief, Quantities
 from lidarnaut.envs.transition import people_metrics, pose_errors, update_robots
 from lidarnaut.envs.worlds import World
 
@@ -535,9 +535,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         finally:
             self._world_rng = rng
 
-    def _set_time_limit(self, usual: float) -> None:
+    def _set_time_limit(self, usual: float | None) -> None:
         if self._time_limit is None:
-            self.time_limit = usual
+            self.time_limit = DEFAULT_TIME_LIMIT if usual is None else usual
 
 
 def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:

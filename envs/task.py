@@ -304,7 +304,7 @@ class Brief(ABC):
             options: as the attribute `options`.
 
         Returns:
-            Default time limit of the episode [s].
+            Default time limit of the episode [s]; None for 300 s.
         """
         return math.inf
 
@@ -331,9 +331,10 @@ class Brief(ABC):
 class Task(Brief):
     """Base of tasks, which define worlds, start poses, reward and end of episodes, in addition to their `Brief`.
 
-    Subclasses define `weights`, and usually the methods `reset`, `quantities` and `end_reason`. Other members have
-    defaults, except worlds, starts and the estimator. Constructor parameters become arguments of the environments. A
-    task has access to ground truth. Policies only see its observation parts and `prior`.
+    Subclasses define `weights`, and usually the methods `reset`, `quantities` and `end_reason`, which may also be a
+    property or an attribute. Other members have defaults, except worlds, starts and the estimator. Constructor
+    parameters become arguments of the environments. A task has access to ground truth. Policies only see its
+    observation parts and `prior`.
 
     For fast vector environments, a task may keep its state in the arrays `Rows.memory` and define `update_rows(batch)`:
     `update` for all environments of `batch.active`. It returns `quantities`, `metrics` and whether the episode has

@@ -48,7 +48,7 @@ class ReachGoal(UnknownWorldTask):
         return {"progress": before - self._left, "reached": float(self._left <= self.goal_tolerance)}
 
     @property
-    def end_reason(self) -> str | None:  # type: ignore[override]
+    def end_reason(self) -> str | None:
         """Reason why the episode has ended, or None."""
         return "reached" if self._left <= self.goal_tolerance else None
 

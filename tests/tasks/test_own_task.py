@@ -87,6 +87,16 @@ class Stay(UnknownWorldTask):
     weights = {"time": -1.0, "collision": -3.0, "forward_speed": 2.0}
 
 
+def test_the_time_limit_of_a_task_that_returns_none_is_300_s():
+    class Endless(Leave):
+        def reset(self, *arguments):
+            super().reset(*arguments)
+
+    env = LidarEnv(Endless, physics="kinematic", **ARGUMENTS)
+    env.reset(seed=0)
+    assert env.time_limit == 300.0
+
+
 def test_time_contact_and_speed_are_rewarded_without_a_method():
     room = make_room(0.0, 0.0, 3.0, 2.0, spawn=Pose2D(2.8, 1.0, 0.0))
     env = LidarEnv(Stay, physics="kinematic", world=room, start="spawn", robot=BURGER)
