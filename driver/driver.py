@@ -22,10 +22,10 @@ from lidarnaut.envs.logs.trajectory import MAX_CLOCK_JUMP
 from lidarnaut.envs.period import COMMAND
 from lidarnaut.envs.robots import RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
-from lidarnaut.envs.tasks.navigate import KnownMapTask
+from lidarnaut.envs.tasks.navigate import KnownMapBrief
 
+from .brief import brief_of, check_brief
 from .messages_mover import MessagesMover, Sample
-from .task import task_of
 from .wheels import WheelMotion
 
 LOGGER = logging.getLogger(__name__)
@@ -103,8 +103,9 @@ class Driver:
             counts = 2.0 * math.pi * robot.odometry.wheel_radius / TICK
             robot = replace(robot, odometry=replace(robot.odometry, ticks_per_rev=counts, uses_gyro=gyro))
         arguments = {"track_people": True, **needed_arguments(policy), **arguments}
-        self.env = LidarEnv(task_of(id), robot=robot, physics=MessagesMover, control_hz=control_hz, **arguments)
+        self.env = LidarEnv(brief_of(id), robot=robot, physics=MessagesMover, control_hz=control_hz, **arguments)
         """Environment without a simulator, for recordings and pictures."""
+        check_brief(self.env.task)
         self.robot, self.timeout = robot, timeout
         self.reason = "no scan yet"
         """Why the last command was a stop; empty while driving."""
@@ -181,7 +182,7 @@ class Driver:
                 a learned policy, and the driver has no argument `heading_tolerance`.
         """
         if self.env.task.goal is None:
-            raise ValueError(f"task {type(self.env.task).__name__} has no goal")
+            raise ValueError(f"task {type(self.env.task).__name__.removesuffix('Brief')} has no goal")
         if theta is not None and not self.takes_headings:
             name = type(self._policy).__name__
             raise ValueError(f"{name} is not known to turn to headings: set a goal x, y, or a heading_tolerance")
@@ -194,7 +195,7 @@ class Driver:
             ValueError: there is no known map, or a number is not finite.
         """
         pose, task = (x, y, theta), self.env.task
-        if not isinstance(task, KnownMapTask) or not is_pose(pose):
+        if not isinstance(task, KnownMapBrief) or not is_pose(pose):
             raise ValueError(f"an initial pose is three finite numbers, on a known map, got {pose}")
         if self.has_begun:
             self.env.set_initial_pose(pose)
@@ -236,7 +237,7 @@ class Driver:
                 self.reason = action
             else:
                 self._send(self.env.commands(action))
-        if self.reason:
+        if self.reason and self.has_begun:
             self._send(self.env.period.follow(np.zeros((1, 2))))
         return self._command
 

@@ -31,7 +31,7 @@ from lidarnaut.envs.simulation import Mover, Reading, Twist, make_simulator
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
-from lidarnaut.envs.task import Quantities, Task
+from lidarnaut.envs.task import DEFAULT_TIME_LIMIT, Brief, Quantities
 from lidarnaut.envs.transition import people_metrics
 
 
@@ -104,7 +104,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         check_positive(control_hz=control_hz)
         if time_limit is not None and time_limit != math.inf and not (is_number(time_limit) and time_limit > 0):
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
-        self.task: Any = make_task(task, settings)
+        self.task = make_task(task, settings)
         self.robot_params = choose_robot(robot, getattr(self.task, "world", ""))
         """Nominal robot parameters; randomization changes only the simulated robot."""
         self.control_period = period = 1.0 / control_hz
@@ -112,7 +112,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         num_robots = self.task.num_robots
         self.simulator: Any = make_simulator(physics, self.robot_params, period, num_robots, crowd_of(people))
         if people is not None:
-            self.task.measures = (*self.task.measures, *PEOPLE)  # type: ignore[misc]
+            self.task.measures = (*self.task.measures, *PEOPLE)
         estimators, by_truth = [self.task.make_estimator() for _ in range(num_robots)], self.task.uses_true_motion
         self.robots = [Robot(self.robot_params, period, each, uses_true_motion=by_truth) for each in estimators]
         self.randomization: Randomization | None = None
@@ -196,6 +196,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             readings = [one._replace(extra=extra) for one, extra in zip(readings, extras, strict=True)]
         priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
         reset_robots(self.robots, rows, readings, priors, rngs[1::2])
+        task.begin(self.simulator, self.robots)
         usual = task.reset(self.simulator, self.robots, self.np_random, task.options)
         for part in self.parts.values():
             if hasattr(part, "reset"):
@@ -253,7 +254,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of a step; `is_last` truncates the episode."""
-        rewards = self.reward_terms(self.task.quantities())
+        rewards = self.reward_terms(self.period.quantities)
         return self.judge(rewards, self.info(rewards), is_last)
 
     def reward_terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
@@ -405,9 +406,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ValueError(f"task {type(self.task).__name__} does not support {method}")
         return getattr(self.task, method)
 
-    def _set_time_limit(self, usual: float) -> None:
+    def _set_time_limit(self, usual: float | None) -> None:
         if self._time_limit is None:
-            self.time_limit = usual
+            self.time_limit = DEFAULT_TIME_LIMIT if usual is None else usual
 
 
 def blank(value: Any) -> Any:
@@ -423,7 +424,7 @@ def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
     return inner
 
 
-def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
+def make_task(task: Any, settings: Mapping[str, Any]) -> Any:
     """Create a task from a class or `module:attribute`, with `settings` as its arguments.
 
     Raises:
@@ -431,15 +432,14 @@ def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
         TypeError: if an argument is unknown.
     """
     kind: Any = resolve(task, {}, "task")
-    if not (isinstance(kind, type) and issubclass(kind, Task)):
+    if not (isinstance(kind, type) and issubclass(kind, Brief)):
         wanted = "a subclass of lidarnaut.envs.task.Task, or module:attribute of one"
         raise ValueError(f"task must be {wanted}, got {task!r}")
     allowed = [*inspect.signature(kind).parameters, *SHARED]
     if unknown := [name for name in settings if name not in allowed]:
         hint = explain_unknown(unknown[0], allowed)
         raise TypeError(f"task {kind.__name__} got an unexpected keyword argument {hint}")
-    made: Task = kind(**settings)
-    return made
+    return kind(**settings)
 
 
 SHARED = tuple(list(inspect.signature(LidarEnv.__init__).parameters)[2:-1])

@@ -49,6 +49,8 @@ class Period:
     def __init__(self, env: Any, monitor: CollisionMonitor | None) -> None:
         self.envs: Sequence[Any] = [env]
         self.monitor = monitor
+        self.quantities: Mapping[str, Any] = {}
+        """Quantities of the last control period, as rewarded."""
         self._limits = np.array([env.robot.max_v, env.robot.max_w])
         self._noted = np.empty((len(env.robots), BLOCK, 4)), np.zeros((len(env.robots), 2), dtype=np.int64)
 
@@ -127,6 +129,7 @@ class Period:
     def update_task(self, i: int) -> None:
         env = self.envs[i]
         env.task.update(env.simulator, env.robots, env.control_period)
+        env.period.quantities = _quantities(env)
 
     def record(self, i: int) -> None:
         if (on_period := self.envs[i].on_period) is not None:
@@ -137,7 +140,7 @@ class Period:
 
         Before the last period, only time and contact count. `contacts`: number of earlier periods with contact.
         """
-        env, (quantities, period) = self.envs[0], (self.envs[0].task.quantities(), self.envs[0].control_period)
+        env, quantities, period = self.envs[0], self.quantities, self.envs[0].control_period
         if count > 1:
             earlier = at_rest(quantities, period * (count - 1), period * contacts)
             quantities = {name: value + earlier[name] for name, value in quantities.items()}
@@ -180,6 +183,13 @@ def why_not_fused(env: Any) -> str:
         return "scans of a lidar that spins are deskewed in Python"
     physics = type(env.simulator)
     return "" if physics is KinematicSimulator else f"{physics.__name__} steps in Python"
+
+
+def _quantities(env: Any) -> dict[str, Any]:
+    quantities = {"time": env.control_period, **env.task.quantities()}
+    if "collision" not in quantities:
+        quantities["collision"] = env.control_period * sum(robot.bumper for robot in env.robots)
+    return quantities
 
 
 def at_rest(names: Iterable[str], time: Any, contact: Any) -> dict[str, Any]:
@@ -303,6 +313,8 @@ class Batch(Period):
             late = np.flatnonzero(active & has_ended & ~self._is_over).tolist()
             self._is_over[late], self._is_behind[late] = True, False
             self._finish(late)
+            for i in np.flatnonzero(self._is_over).tolist():
+                self.envs[i].period.quantities = _quantities(self.envs[i])
 
     def due(self, active: np.ndarray) -> Iterable[int]:
         """Locate robots of resting environments; return the indices of the others."""
@@ -355,7 +367,7 @@ class Batch(Period):
     def _write_outcomes(self, going: np.ndarray, chosen: list[int], records: Records) -> None:
         """Write rewards and `info` of the environments that go on. `chosen`: those that are not at rest."""
         tasks, numbers, where = [env.task for env in self.envs], self.numbers, slice(None) if going.all() else going
-        rows = {} if self._columns else {i: tasks[i].quantities() for i in chosen}
+        rows = {} if self._columns else {i: self.envs[i].period.quantities for i in chosen}
         self._names = next(iter(rows.values()), self._names)
         touching = (numbers[:, at.TOUCHED] > 0.0).reshape(len(tasks), -1).sum(axis=1)
         period = np.full(len(tasks), self.envs[0].control_period)

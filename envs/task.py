@@ -1,10 +1,11 @@
 """Interfaces of tasks, reward functions and observation parts (entries of the observation)."""
 
 import functools
+import math
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
+from types import FunctionType, MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -13,7 +14,7 @@ from gymnasium import spaces
 from lidarnaut.envs.arguments import is_number
 from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.files import SHORT, explain_unknown, resolve
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import ORIGIN, Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.measures import TIME_TO_SUCCESS, Measure
 from lidarnaut.envs.robot import MAX_PERSON_GAP, Prior, Robot
@@ -28,6 +29,8 @@ COLUMNS |= {"acceleration": at.ACCELERATION, "jerk": at.JERK, "person_gap": at.P
 SHARED_QUANTITIES = (*COLUMNS, "obstacle_gap", "position_error", "yaw_error")
 """Quantities of all tasks, see `Rewards`. `COLUMNS`: indices of some in a robot's state vector."""
 DEFAULT_TIME_LIMIT = 300.0
+NOWHERE = World("unknown", np.empty((0, 4)), np.empty((0, 3)), (ORIGIN,), (0.0, 0.0, 0.0, 0.0))
+"""World without walls, in the place of an unknown one."""
 
 
 class ObservationPart(Protocol):
@@ -190,20 +193,14 @@ def total(terms: Mapping[str, Any]) -> Any:
     return functools.reduce(operator.add, terms.values(), 0.0)
 
 
-class Task(ABC):
-    """Base of tasks, which define worlds, start poses, estimators, reward and end of episodes.
+class Brief(ABC):
+    """Part of a task that a real robot has too: estimators, observation parts, goal, initial pose and map.
 
-    Subclasses define `weights`. Other members have defaults, except worlds, starts and the estimator. Constructor
-    parameters become arguments of the environments. A task has access to ground truth. Policies only see its
-    observation parts and `prior`.
-
-    For fast vector environments, a task may keep its state in the arrays `Rows.memory` and define `update_rows(batch)`:
-    `update` for all environments of `batch.active`. It returns `quantities`, `metrics` and whether the episode has
-    ended, as arrays with one entry per environment; see `lidarnaut.envs.tasks.reach_goal`.
+    A brief alone is the task of a real robot, see `lidarnaut.Driver`: its world is unknown, and it has neither reward
+    nor end. Subclasses that are no `Task` define what needs no ground truth; their parameters are also arguments of the
+    driver.
     """
 
-    measures: ClassVar[Sequence[Measure]] = (TIME_TO_SUCCESS,)
-    """Measures of an episode, in addition to `lidarnaut.envs.measures.COMMON` and `SUCCESS`."""
     progress: ClassVar[str] = "is_success"
     """Key in `info` of the completed fraction of the task, in [0, 1]."""
     reset_options: ClassVar[tuple[str, ...]] = ()
@@ -211,38 +208,30 @@ class Task(ABC):
     num_robots: int = 1
     is_team: ClassVar[bool] = False
     """Whether actions and observations have a leading axis for robots."""
-    rests_between_scans: bool = False
-    """Whether `update` may be skipped in control periods without a processed scan.
-
-    A skipped period only adds its duration to the rewarded quantity "time" and, in contact, to "collision"."""
-    arrays: tuple[np.ndarray, ...] = ()
-    """Arrays of the task for Numba kernels, available to `update_rows` as `batch.task_arrays`."""
     uses_true_motion: bool = False
     """Whether estimators receive the true motion instead of odometry."""
-    sampler_ahead: Any = None
-    """World sampler, if another thread may draw worlds in advance; otherwise None.
-
-    `draw_world` must then use only this sampler and the generator, and call no user code."""
-    weights: Mapping[str, float]
-    """Weights of the reward terms, by the name of a quantity."""
-    reward: Any = None
-    """Reward weights or subclass of `Rewards` chosen by the user; see `Rewards.of`."""
-    rewards: Rewards
-    """Reward function of the episode: the task's `weights`, as changed by the user's `reward`."""
+    map_resolution: float = 0.05
+    """Side of a map cell [m]."""
     robot: RobotParams
     """Nominal robot parameters."""
     control_period: float
     """Duration of a control period [s]."""
     physics: str
     """Physics engine: "bullet" or "kinematic"."""
-    starts: Sequence[Pose2D]
+    simulator: Simulator
+    """Ground truth: robot states, contacts and people."""
+    robots: Sequence[Robot]
+    """All robots, with their readings and estimates."""
+    starts: Sequence[Pose2D] = (ORIGIN,)
     """Start poses of the robots, world frame."""
-    map_pose: Pose2D
+    map_pose: Pose2D = ORIGIN
     """Pose of the map frame in the world frame [m, rad]."""
     options: Mapping[str, Any] = MappingProxyType({})
     """Entries of `reset(options=...)` named in `reset_options`, for this episode."""
+    rewards: Rewards = Rewards({})
+    """Reward function of the episode."""
     end_reason: str | None = None
-    """Reason why the task has ended the episode, or None."""
+    """Reason why the task has ended the episode, or None. The reset of an environment clears the attribute."""
     coverage: Any = None
     """Explored part of the world, `lidarnaut.envs.tasks.coverage.Coverage`; None for tasks without exploration."""
     goal: Any = None
@@ -253,6 +242,10 @@ class Task(ABC):
     """Route to follow, `lidarnaut.envs.tasks.route.Route`; None for tasks without a route."""
     return_home: bool = False
     """Whether the robot has to return to its start."""
+    sampler_ahead: Any = None
+    """World sampler, if another thread may draw worlds in advance; otherwise None.
+
+    `draw_world` must then use only this sampler and the generator, and call no user code."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Store robot, control period [s] and physics; called once, before all other methods.
@@ -261,9 +254,6 @@ class Task(ABC):
             ValueError: if the task does not support them.
         """
         self.robot, self.control_period, self.physics = robot, control_period, physics
-        if not hasattr(self, "weights"):
-            raise ValueError(f"task {type(self).__name__} must define reward weights, such as {{'time': -0.02}}")
-        self.rewards = Rewards.of(self.weights, self.reward)
 
     def default_observations(self) -> Sequence[str]:
         """Return the names of the default observation parts (entries of the observation)."""
@@ -277,24 +267,6 @@ class Task(ABC):
     def make_estimator(self) -> Estimator:
         """Return a new estimator of pose and map; called once per robot."""
 
-    @abstractmethod
-    def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the next episode.
-
-        `world` is the value of `reset(options={"world": ...})`; None selects the world of the constructor.
-        """
-
-    def place(self, world: World, start: Any) -> World:
-        """Return the world to simulate for a given start: `world` or a part of it."""
-        return world
-
-    @abstractmethod
-    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> Sequence[Pose2D]:
-        """Return the start poses, world frame, and set `starts` and `map_pose`.
-
-        `start` is the value of `reset(options={"start": ...})`, or None.
-        """
-
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         """Return the initial pose and map for the estimator of robot `index`; by default the start pose and no map.
 
@@ -302,38 +274,116 @@ class Task(ABC):
         """
         return Prior(self.map_pose.between(self.starts[index]))
 
+    def tell_goal(self, pose: Pose2D) -> Any:
+        """Return the goal that a policy at the estimated `pose` receives, or None."""
+        return self.goal
+
+    def draw_world(self, world: Any, rng: np.random.Generator) -> World:
+        """Return the world of the next episode.
+
+        `world` is the value of `reset(options={"world": ...})`; None selects the world of the constructor.
+        """
+        return NOWHERE
+
+    def place(self, world: World, start: Any) -> World:
+        """Return the world to simulate for a given start: `world` or a part of it."""
+        return world
+
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> Sequence[Pose2D]:
+        """Return the start poses, world frame, and set `starts` and `map_pose`.
+
+        `start` is the value of `reset(options={"start": ...})`, or None.
+        """
+        return self.starts
+
+    def begin(self, simulator: Simulator, robots: Sequence[Robot]) -> None:
+        """Store simulator and robots, and clear `end_reason`; called before each `reset`."""
+        self.simulator, self.robots = simulator, robots
+        vars(self).pop("end_reason", None)
+
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode after the robots have processed their first sensor readings; by default, of 300 s.
+        """Start an episode after the robots have processed their first sensor readings.
 
         Args:
-            simulator: ground truth: robot states, contacts and people.
-            robots: all robots, with their estimates.
+            simulator: as the attribute `simulator`.
+            robots: as the attribute `robots`.
             rng: generator of the task.
             options: as the attribute `options`.
 
         Returns:
-            Default time limit of the episode [s].
+            Default time limit of the episode [s]; None for 300 s.
         """
-        self.end_reason = None
-        return DEFAULT_TIME_LIMIT
+        return math.inf
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:  # noqa: B027
         """Update the task after a control period of `period` seconds; other arguments as for `reset`."""
 
     def quantities(self) -> dict[str, float]:
-        """Return the rewarded quantities of the last control period, by reward term; by default, its `time` [s]."""
-        return {"time": self.control_period}
+        """Return rewarded quantities of the last control period by reward term, in addition to `time` and `collision`.
+
+        Called once in each control period, after `update`, and before `end_reason`, observations and `metrics` are
+        read.
+        """
+        return {}
 
     def metrics(self) -> dict[str, Any]:
         """Return the task's entries of `info`, including `is_success`: by default, whether the task has ended."""
         return {"is_success": self.end_reason is not None}
 
-    def tell_goal(self, pose: Pose2D) -> Any:
-        """Return the goal that a policy at the estimated `pose` receives, or None."""
-        return self.goal
-
     def final_metrics(self) -> dict[str, Any]:
         """Return further entries of the last `info` of an episode."""
         return {}
+
+
+class Task(Brief):
+    """Base of tasks, which define worlds, start poses, reward and end of episodes, in addition to their `Brief`.
+
+    Subclasses define `weights`, and usually the methods `reset`, `quantities` and `end_reason`, which may also be a
+    property or an attribute. Other members have defaults, except worlds, starts and the estimator. Constructor
+    parameters become arguments of the environments. A task has access to ground truth. Policies only see its
+    observation parts and `prior`.
+
+    For fast vector environments, a task may keep its state in the arrays `Rows.memory` and define `update_rows(batch)`:
+    `update` for all environments of `batch.active`. It returns `quantities`, `metrics` and whether the episode has
+    ended, as arrays with one entry per environment; see `lidarnaut.envs.tasks.reach_goal`.
+    """
+
+    measures: ClassVar[Sequence[Measure]] = (TIME_TO_SUCCESS,)
+    """Measures of an episode, in addition to `lidarnaut.envs.measures.COMMON` and `SUCCESS`."""
+    rests_between_scans: bool = False
+    """Whether `update` may be skipped in control periods without a processed scan.
+
+    A skipped period only adds its duration to the rewarded quantity "time" and, in contact, to "collision"."""
+    arrays: tuple[np.ndarray, ...] = ()
+    """Arrays of the task for Numba kernels, available to `update_rows` as `batch.task_arrays`."""
+    weights: Mapping[str, float]
+    """Weights of the reward terms, by the name of a quantity."""
+    reward: Any = None
+    """Reward weights or subclass of `Rewards` chosen by the user; see `Rewards.of`."""
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        if isinstance(reason := vars(cls).get("end_reason"), FunctionType):  # a bound method would end each episode
+            cls.end_reason = property(reason)  # type: ignore[assignment]
+
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        super().attach(robot, control_period, physics)
+        if not hasattr(self, "weights"):
+            raise ValueError(f"task {type(self).__name__} must define reward weights, such as {{'time': -0.02}}")
+        self.rewards = Rewards.of(self.weights, self.reward)
+
+    @abstractmethod
+    def draw_world(self, world: Any, rng: np.random.Generator) -> World:
+        pass
+
+    @abstractmethod
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> Sequence[Pose2D]:
+        pass
+
+    def reset(
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> float:
+        """Start an episode; see `Brief.reset`. By default, of 300 s."""
+        return DEFAULT_TIME_LIMIT

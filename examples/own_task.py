@@ -40,19 +40,17 @@ class ReachGoal(UnknownWorldTask):
         self.goal: Pose2D = self.map_pose.between(goal)
         self._distance = GeodesicDistance(self.area, goal)
         self._shortest = self._left = self._distance.length(self.starts[0])
-        self.end_reason = None
         return 30.0 + 4.0 * self._left / self.robot.max_v
 
-    def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        """Update the distance to the goal."""
-        before, self._left = self._left, self._distance.length(simulator.states[0].pose)
-        self.end_reason = "reached" if self._left <= self.goal_tolerance else None
-        self._step = {"progress": before - self._left, "time": period, "reached": float(self.end_reason is not None)}
-        self._step["collision"] = period * robots[0].reading.bumper
-
     def quantities(self) -> dict[str, float]:
-        """Return the quantities of the reward terms by name."""
-        return self._step
+        """Return the rewarded quantities of a control period, in addition to `time` and `collision`."""
+        before, self._left = self._left, self._distance.length(self.simulator.states[0].pose)
+        return {"progress": before - self._left, "reached": float(self._left <= self.goal_tolerance)}
+
+    @property
+    def end_reason(self) -> str | None:
+        """Reason why the episode has ended, or None."""
+        return "reached" if self._left <= self.goal_tolerance else None
 
     def metrics(self) -> dict[str, Any]:
         """Return the entries of `info`."""

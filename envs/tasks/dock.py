@@ -18,7 +18,7 @@ from lidarnaut.envs.task import ObservationPart
 from lidarnaut.envs.worlds import World
 from lidarnaut.envs.worlds.world import box, edges, kept_with_world
 
-from .navigate import Navigate
+from .navigate import Navigate, NavigateBrief
 
 DEPTH, WIDTH = 0.1, 0.3
 """Size of a charging station along and across its heading [m]."""
@@ -27,7 +27,15 @@ MAX_SPEED = 0.01
 
 
 @dataclass(kw_only=True, eq=False)
-class Dock(Navigate):
+class DockBrief(NavigateBrief):
+    """Brief of `Dock`, without the battery, which no message measures."""
+
+    goal_tolerance: float = 0.02
+    heading_tolerance: float = math.radians(3.0)
+
+
+@dataclass(kw_only=True, eq=False)
+class Dock(DockBrief, Navigate):
     """Dock at a charging station on a known map.
 
     ## Description
@@ -88,8 +96,6 @@ class Dock(Navigate):
 
     measures = DOCK
 
-    goal_tolerance: float = 0.02
-    heading_tolerance: float = math.radians(3.0)
     start_charge: tuple[float, float] = (0.1, 0.3)
     target_charge: float = 0.0
 

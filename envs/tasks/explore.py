@@ -17,7 +17,7 @@ from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.task import ObservationPart
 
 from .coverage import Coverage, map_iou
-from .starts import UnknownWorldTask
+from .starts import UnknownWorldBrief, UnknownWorldTask
 
 HOME_RADIUS = 0.3
 """The robot has returned within this distance of its start [m]."""
@@ -26,7 +26,30 @@ MAX_ROBOTS = 4
 
 
 @dataclass(kw_only=True, eq=False)
-class Explore(UnknownWorldTask):
+class ExploreBrief(UnknownWorldBrief):
+    """Brief of `Explore` and `ExploreTeam`."""
+
+    is_returning = False
+    """Whether the robot has to return now."""
+    return_home: bool = False
+
+    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
+        parts: dict[str, Callable[..., ObservationPart]] = {}
+        if self.return_home:
+            parts["home"] = partial(Home, self)
+        if self.num_robots > 1:
+            parts["teammates"] = partial(Peers, self.num_robots - 1)
+        return parts
+
+    def call_back(self) -> None:
+        """End exploration, and require the robot to return; ValueError without `return_home=True`."""
+        if not self.return_home:
+            raise ValueError("call_back needs return_home=True")
+        self.is_returning = True
+
+
+@dataclass(kw_only=True, eq=False)
+class Explore(ExploreBrief, UnknownWorldTask):
     """Explore an unknown world with a lidar robot.
 
     ## Description
@@ -105,7 +128,6 @@ class Explore(UnknownWorldTask):
     weights = {"explored": 1.0, "time": -0.02, "collision": -0.5, "completed": 10.0}
 
     target_coverage: float = 0.99
-    return_home: bool = False
 
     @property
     def rests_between_scans(self) -> bool:  # type: ignore[override]
@@ -120,22 +142,7 @@ class Explore(UnknownWorldTask):
         if self.return_home:
             self.measures = (*EXPLORATION, *RETURN)  # type: ignore[assignment,misc]
             self.weights = {**self.weights, "returned": 10.0}
-        self.is_returning = False
         super().attach(robot, control_period, physics)
-
-    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        parts: dict[str, Callable[..., ObservationPart]] = {}
-        if self.return_home:
-            parts["home"] = partial(Home, self)
-        if self.num_robots > 1:
-            parts["teammates"] = partial(Peers, self.num_robots - 1)
-        return parts
-
-    def call_back(self) -> None:
-        """End exploration, and require the robot to return; ValueError without `return_home=True`."""
-        if not self.return_home:
-            raise ValueError("call_back needs return_home=True")
-        self.is_returning = True
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
@@ -143,9 +150,8 @@ class Explore(UnknownWorldTask):
         self.coverage = Coverage(self.area, self.map_pose, simulator.robot.lidar)
         for robot, pose in zip(robots, self.starts, strict=True):
             self._cover(robot, pose)
-        self.end_reason = None
         self.is_returning = self._is_covered = False
-        self._time_home, self._robots = 0.0, robots
+        self._time_home = 0.0
         return self.area.usual_time_limit(self.robot.max_v)
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
@@ -155,8 +161,7 @@ class Explore(UnknownWorldTask):
             if robot.belief.update is not NO_UPDATE:
                 gained += self._cover(robot, simulator.states[k].pose)
         is_covered = self.coverage.explored_fraction >= self.target_coverage
-        contact, done = period * sum(robot.bumper for robot in robots), float(is_covered and not self._is_covered)
-        self._quantities = {"explored": gained, "time": period, "collision": contact, "completed": done}
+        self._quantities = {"explored": gained, "completed": float(is_covered and not self._is_covered)}
         self._is_covered |= is_covered
         if not self.return_home:
             self.end_reason = "covered" if is_covered else None
@@ -179,7 +184,7 @@ class Explore(UnknownWorldTask):
     def final_metrics(self) -> dict[str, Any]:
         area = self.coverage.area
         left = area.area - self.coverage.explored_area
-        return {"map_iou": map_iou(self._robots[0].belief.grid, area, self.map_pose), "area_left": left}
+        return {"map_iou": map_iou(self.robots[0].belief.grid, area, self.map_pose), "area_left": left}
 
     def _cover(self, robot: Robot, true_pose: Pose2D) -> float:
         belief = robot.belief

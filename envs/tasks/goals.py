@@ -11,9 +11,11 @@ from lidarnaut.envs.arguments import check_positive, is_pose
 from lidarnaut.envs.geometry import FREE, OCCUPIED, ORIGIN, UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.measures import GOAL, Measure
 from lidarnaut.envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, TravelField, travel_field
+from lidarnaut.envs.observations.positions import GOAL_MEMORY
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.task import Brief
 from lidarnaut.envs.worlds import ExplorableArea, World, load_map
 from lidarnaut.envs.worlds.world import kept_with_world
 
@@ -24,13 +26,11 @@ HEADING_TOLERANCE = 0.25
 
 
 @dataclass(kw_only=True, eq=False)
-class GoalTask(WorldTask):
-    """Base class of tasks with a goal to drive to."""
+class GoalBrief(Brief):
+    """Base class of briefs with a goal to drive to, which need not be reachable."""
 
-    measures: ClassVar[Sequence[Measure]] = GOAL
-    progress = "progress"
-    reset_options: ClassVar[tuple[str, ...]] = ("goal",)
-
+    has_goal = False
+    """Whether a goal is given; otherwise, that of a real robot is the origin of the map frame."""
     goal: Any = "random"
     """Goal: `"random"`, `"world"` (the world's own goal), or (x, y, theta) or (x, y), map frame. During an episode, the
     current goal."""
@@ -39,34 +39,25 @@ class GoalTask(WorldTask):
     heading_tolerance: float | None = None
     """Maximum heading difference that counts as reached [rad]; None for `HEADING_TOLERANCE` if the goal is given with a
     heading, and pi otherwise. During an episode, the tolerance of the current goal."""
-    min_distance: float = 1.0
-    """Minimum distance from the start to a random goal [m]."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        check_positive(goal_tolerance=self.goal_tolerance, min_distance=self.min_distance)
+        check_positive(goal_tolerance=self.goal_tolerance)
         self._given_tolerance = self.heading_tolerance
         if self._given_tolerance is not None and not 0 < self._given_tolerance <= math.pi:
             raise ValueError(f"heading_tolerance must be None or lie in (0, pi], got {self._given_tolerance!r}")
-        self._read_goal(self.goal)
-        self._goal = self.goal
-        self.heading_tolerance = self._tolerance(not isinstance(self.goal, str) and len(self.goal) > 2)
+        self._goal, self._goals = self.goal, np.zeros((1, 2))
+        self.heading_tolerance = self._tolerance(False)
+        if isinstance(read := self._read_goal(self.goal), Pose2D):
+            GoalBrief._set_goal(self, read, has_heading=len(self.goal) > 2)
         super().attach(robot, control_period, physics)
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        (self._one,), self._rows, self._true_pose = robots, simulator.rows, self.starts[0]
-        goal = options.get("goal", self._goal)
-        read = self._read_goal(goal)
-        if read == "random":
-            return self._set_goal(self.map_pose.between(self._draw_goal(rng)))
-        if read == "world":
-            goals, spawns = self._world.goals, self._world.spawns
-            if not goals:
-                raise ValueError(f"world {self._world.name!r} has no goals; choose goal='random' or (x, y, theta)")
-            nearest = min(range(len(spawns)), key=lambda k: math.dist(spawns[k][:2], self._true_pose[:2]))
-            return self._set_goal(self.map_pose.between(goals[nearest]))
-        return self.set_goal(goal)
+        self.goal = self.goal if self.has_goal else ORIGIN
+        self._goals = simulator.rows.remember(GOAL_MEMORY, 2)
+        self._goals[0] = self.goal[:2]
+        return super().reset(simulator, robots, rng, options)
 
     def set_goal(self, goal: Sequence[float]) -> float:
         """Set a goal (x, y[, theta]), map frame; return a time limit [s]. ValueError if not finite or reachable."""
@@ -76,15 +67,9 @@ class GoalTask(WorldTask):
         return self._set_goal(read, has_heading=len(goal) > 2)
 
     def _set_goal(self, goal: Pose2D, *, has_heading: bool = False) -> float:
-        true_goal = self.map_pose.compose(goal)
-        if not self.area.is_traversable(true_goal):
-            raise ValueError(f"goal {tuple(goal)} (map frame) is not reachable by the robot")
         self.heading_tolerance = self._tolerance(has_heading)
-        self.goal, self._true_goal = goal, true_goal
-        return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
-
-    def _draw_goal(self, rng: np.random.Generator) -> Pose2D:
-        return draw_goal(self.area, self._true_pose, rng, self.min_distance)
+        self.goal, self._goals[0], self.has_goal = goal, goal[:2], True
+        return math.inf
 
     def _read_goal(self, goal: Any) -> str | Pose2D:
         if isinstance(goal, str) and goal in ("random", "world"):
@@ -100,6 +85,49 @@ class GoalTask(WorldTask):
     def _tolerance(self, has_heading: bool) -> float:
         default = HEADING_TOLERANCE if has_heading else math.pi
         return default if self._given_tolerance is None else self._given_tolerance
+
+
+@dataclass(kw_only=True, eq=False)
+class GoalTask(GoalBrief, WorldTask):
+    """Base class of tasks with a goal to drive to."""
+
+    measures: ClassVar[Sequence[Measure]] = GOAL
+    progress = "progress"
+    reset_options: ClassVar[tuple[str, ...]] = ("goal",)
+
+    min_distance: float = 1.0
+    """Minimum distance from the start to a random goal [m]."""
+
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        check_positive(min_distance=self.min_distance)
+        super().attach(robot, control_period, physics)
+
+    def reset(
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> float:
+        self._rows, self._true_pose = simulator.rows, self.starts[0]
+        goal = options.get("goal", self._goal)
+        read = self._read_goal(goal)
+        if read == "random":
+            return self._set_goal(self.map_pose.between(self._draw_goal(rng)))
+        if read == "world":
+            goals, spawns = self._world.goals, self._world.spawns
+            if not goals:
+                raise ValueError(f"world {self._world.name!r} has no goals; choose goal='random' or (x, y, theta)")
+            nearest = min(range(len(spawns)), key=lambda k: math.dist(spawns[k][:2], self._true_pose[:2]))
+            return self._set_goal(self.map_pose.between(goals[nearest]))
+        return self.set_goal(goal)
+
+    def _set_goal(self, goal: Pose2D, *, has_heading: bool = False) -> float:
+        true_goal = self.map_pose.compose(goal)
+        if not self.area.is_traversable(true_goal):
+            raise ValueError(f"goal {tuple(goal)} (map frame) is not reachable by the robot")
+        super()._set_goal(goal, has_heading=has_heading)
+        self._true_goal = true_goal
+        return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
+
+    def _draw_goal(self, rng: np.random.Generator) -> Pose2D:
+        return draw_goal(self.area, self._true_pose, rng, self.min_distance)
 
     @abstractmethod
     def _measure_path(self) -> float:
@@ -156,7 +184,7 @@ class GeodesicDistance:
         field = travel_field(costmap, goal[:2], cost_weight=0.0)
         assert field is not None
         self._field: TravelField = field
-        self._last = math.inf
+        self._last, self._origin = math.inf, (float(self.grid.origin[0]), float(self.grid.origin[1]))
 
     @property
     def lengths(self) -> np.ndarray:
@@ -168,10 +196,9 @@ class GeodesicDistance:
 
         Outside free space, return the last distance in free space.
         """
-        cell = self.grid.cells(np.array(pose[:2]))
-        if self.grid.contains(cell):
-            length = float(self._field.cost(cell))
-            self._last = length if math.isfinite(length) else self._last
+        (x, y), side = self._origin, self.grid.resolution
+        length = self._field.length(math.floor((pose[1] - y) / side), math.floor((pose[0] - x) / side))
+        self._last = length if length < math.inf else self._last
         return self._last
 
 

@@ -17,11 +17,11 @@ from lidarnaut.envs.observations import Goal, PoseUncertainty
 from lidarnaut.envs.robot import Prior, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
-from lidarnaut.envs.task import ObservationPart
+from lidarnaut.envs.task import Brief, ObservationPart
 from lidarnaut.envs.worlds import World
 
 from .carrot import PlannedCarrot
-from .goals import GeodesicDistance, GoalTask, given_frame, given_map, known_map
+from .goals import GeodesicDistance, GoalBrief, GoalTask, given_frame, given_map, known_map
 from .starts import WorldTask
 
 LOCALIZERS = ("amcl", "odometry", "truth")
@@ -31,26 +31,17 @@ INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 
 
 @dataclass(kw_only=True, eq=False)
-class KnownMapTask(WorldTask):
-    """Base class of tasks on a known map, with a localizer."""
-
-    reset_options: ClassVar[tuple[str, ...]] = ("initial_pose",)
+class KnownMapBrief(Brief):
+    """Base class of briefs on a known map, with a localizer."""
 
     localizer: str = "amcl"
     amcl: str | AmclParams = "default"
     initial_pose: Any = "known"
     map: str | Path | OccupancyGrid | None = None
-    map_pose: Any = (0.0, 0.0, 0.0)
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        self._one: Robot  # set by `reset`
         self._read_initial_pose(self.initial_pose, "known", "unknown")
-        self._frame = self.map_pose
-        frame = given_frame(self._frame)
         self._map = given_map(self.map)
-        if self._map is None and (self._frame == "spawn" or frame != ORIGIN):
-            raise ValueError(f"map_pose={self._frame!r} needs a map; the default map is in the world frame")
-        self.needs_explorable = self._map is None
         self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)
 
@@ -62,9 +53,9 @@ class KnownMapTask(WorldTask):
             raise ValueError(f"unknown localizer {self.localizer!r}; choose one of {', '.join(LOCALIZERS)}")
         return Amcl(self.robot.lidar, load_preset(self.amcl)) if self.localizer == "amcl" else DeadReckoning()
 
-    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        self.map_pose = given_frame(self._frame, world)
-        return super().choose_starts(world, start, rng)
+    def prior(self, index: int, rng: np.random.Generator) -> Prior:
+        pose = self._read_initial_pose(self.initial_pose, "known", "unknown")
+        return Prior(None if pose == "known" else pose, self._map)  # nobody knows where a real robot starts
 
     def _read_initial_pose(self, given: Any, *names: str) -> Any:
         pose: Any = Pose2D(*map(float, given)) if is_pose(given) else given
@@ -76,8 +67,29 @@ class KnownMapTask(WorldTask):
 
     def set_initial_pose(self, pose: Any) -> None:
         """Restart localization; see `LidarEnv.set_initial_pose`."""
-        robot, given, amcl = self._one, self._read_initial_pose(pose, "unknown"), cast(Amcl, self._one.estimator)
+        robot, given = self.robots[0], self._read_initial_pose(pose, "unknown")
+        amcl = cast(Amcl, robot.estimator)
         robot.follow(amcl.reset(amcl.rng, given, robot.belief.grid))
+
+
+@dataclass(kw_only=True, eq=False)
+class KnownMapTask(KnownMapBrief, WorldTask):
+    """Base class of tasks on a known map, by default that of a perfect exploration."""
+
+    reset_options: ClassVar[tuple[str, ...]] = ("initial_pose",)
+
+    map_pose: Any = (0.0, 0.0, 0.0)
+
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        self._frame = self.map_pose
+        super().attach(robot, control_period, physics)
+        if self._map is None and (self._frame == "spawn" or given_frame(self._frame) != ORIGIN):
+            raise ValueError(f"map_pose={self._frame!r} needs a map; the default map is in the world frame")
+        self.needs_explorable = self._map is None
+
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
+        self.map_pose = given_frame(self._frame, world)
+        return super().choose_starts(world, start, rng)
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         grid = known_map(self.area) if self._map is None else self._map
@@ -95,7 +107,18 @@ class KnownMapTask(WorldTask):
 
 
 @dataclass(kw_only=True, eq=False)
-class Navigate(KnownMapTask, GoalTask):
+class NavigateBrief(KnownMapBrief, GoalBrief):
+    """Brief of `Navigate`."""
+
+    def default_observations(self) -> Sequence[str]:
+        return [name for name in super().default_observations() if name != "carrot"]
+
+    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
+        return {"goal": partial(Goal, self), "carrot": partial(PlannedCarrot, self), **super().observation_parts()}
+
+
+@dataclass(kw_only=True, eq=False)
+class Navigate(NavigateBrief, KnownMapTask, GoalTask):
     """Drive to a goal on a known map.
 
     ## Description
@@ -169,12 +192,6 @@ class Navigate(KnownMapTask, GoalTask):
     reset_options = ("goal", "initial_pose")
     weights = {"progress": 1.0, "time": -0.02, "collision": -0.5, "reached": 10.0}
 
-    def default_observations(self) -> Sequence[str]:
-        return [name for name in super().default_observations() if name != "carrot"]
-
-    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        return {"goal": partial(Goal, self), "carrot": partial(PlannedCarrot, self), **super().observation_parts()}
-
     def _measure_path(self) -> float:
         self._geodesic = GeodesicDistance(self.area, self._true_goal)
         self._path_left = self._path_length = self._geodesic.length(self._true_pose)
@@ -188,9 +205,7 @@ class Navigate(KnownMapTask, GoalTask):
         self._true_pose = simulator.states[0].pose
         before, self._path_left = self._path_left, self._geodesic.length(self._true_pose)
         self.end_reason = "reached" if self._is_at_goal() else None
-        contact, reached = period * robots[0].bumper, float(self.end_reason is not None)
-        self._quantities = {"progress": before - self._path_left, "time": period}
-        self._quantities |= {"collision": contact, "reached": reached}
+        self._quantities = {"progress": before - self._path_left, "reached": float(self.end_reason is not None)}
 
     def metrics(self) -> dict[str, Any]:
         pose, goal = self._true_pose, self._true_goal
@@ -198,7 +213,7 @@ class Navigate(KnownMapTask, GoalTask):
             "distance_to_goal": distance(pose.x - goal.x, pose.y - goal.y),
             "geodesic_distance": self._path_left,
             "progress": 1.0 if self._is_at_goal() else max(0.0, 1.0 - self._path_left / max(self._path_length, 1e-9)),
-            "is_lost": self._one.belief.is_lost,
+            "is_lost": self.robots[0].belief.is_lost,
             "is_success": self._is_at_goal(),
         }
 

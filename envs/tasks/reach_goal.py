@@ -21,9 +21,9 @@ from lidarnaut.envs.transition import BY_PERSON
 
 from . import reach_kernels as own_at
 from .carrot import make_carrot
-from .goals import GeodesicDistance, GoalTask
+from .goals import GeodesicDistance, GoalBrief, GoalTask
 from .reach_kernels import END_REASONS, measure_goal, update_goal, update_goals
-from .starts import UnknownWorldTask
+from .starts import UnknownWorldBrief, UnknownWorldTask
 
 CELL = 0.1
 """Approximate cell size of the geodesic distance field [m]."""
@@ -53,7 +53,49 @@ METRICS = {
 
 
 @dataclass(kw_only=True, eq=False)
-class ReachGoal(GoalTask, UnknownWorldTask):
+class ReachGoalBrief(GoalBrief, UnknownWorldBrief):
+    """Brief of `ReachGoal`."""
+
+    slam: Any = "odometry"
+    goal_given: Literal["pose", "bearing"] = "pose"
+
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        if self.goal_given not in ("pose", "bearing"):
+            raise ValueError(f"goal_given must be 'pose' or 'bearing', got {self.goal_given!r}")
+        super().attach(robot, control_period, physics)
+
+    def _tolerance(self, has_heading: bool) -> float:
+        tolerance = super()._tolerance(has_heading)
+        if self.goal_given == "bearing" and tolerance < math.pi:
+            raise ValueError("goal_given='bearing' does not give headings: set the goal (x, y), without a tolerance")
+        return tolerance
+
+    def make_estimator(self) -> Estimator:
+        is_reckoned = isinstance(self.slam, str) and self.slam in ("odometry", "truth")
+        return DeadReckoning() if is_reckoned else super().make_estimator()
+
+    def default_observations(self) -> Sequence[str]:
+        return ("scan_history", "goal", "motion")
+
+    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
+        return {"goal": partial(NearGoal, self.goal_given == "pose"), "carrot": partial(make_carrot, self)}
+
+    def begin(self, simulator: Simulator, robots: Sequence[Robot]) -> None:
+        self._aim = ORIGIN
+        super().begin(simulator, robots)
+
+    def tell_goal(self, pose: Pose2D) -> Pose2D:
+        """Return the goal, map frame; if only its bearing is known, a point in this direction instead."""
+        if self.goal_given == "pose":
+            return self.goal
+        bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)
+        aim = pose._replace(x=pose.x + AIM_RANGE * math.cos(bearing), y=pose.y + AIM_RANGE * math.sin(bearing))
+        self._aim = aim if math.dist(aim[:2], self._aim[:2]) > AIM_STEP else self._aim
+        return self._aim
+
+
+@dataclass(kw_only=True, eq=False)
+class ReachGoal(ReachGoalBrief, GoalTask, UnknownWorldTask):
     """Drive to a goal in an unknown world.
 
     ## Description
@@ -127,32 +169,12 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     weights = dict(progress=1.0, time=-0.2, collision=-20.0, reached=10.0, clearance=-0.4, people=-0.6)
 
     needs_explorable = False
-    slam: Any = "odometry"
-    goal_given: Literal["pose", "bearing"] = "pose"
     contact: Literal["ends", "costs"] = "ends"
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        if self.goal_given not in ("pose", "bearing"):
-            raise ValueError(f"goal_given must be 'pose' or 'bearing', got {self.goal_given!r}")
         if self.contact not in ("ends", "costs"):
             raise ValueError(f"contact must be 'ends' or 'costs', got {self.contact!r}")
         super().attach(robot, control_period, physics)
-
-    def _tolerance(self, has_heading: bool) -> float:
-        tolerance = super()._tolerance(has_heading)
-        if self.goal_given == "bearing" and tolerance < math.pi:
-            raise ValueError("goal_given='bearing' does not give headings: set the goal (x, y), without a tolerance")
-        return tolerance
-
-    def make_estimator(self) -> Estimator:
-        is_reckoned = isinstance(self.slam, str) and self.slam in ("odometry", "truth")
-        return DeadReckoning() if is_reckoned else super().make_estimator()
-
-    def default_observations(self) -> Sequence[str]:
-        return ("scan_history", "goal", "motion")
-
-    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        return {"goal": partial(NearGoal, self.goal_given == "pose"), "carrot": partial(make_carrot, self)}
 
     @property
     def _own(self) -> np.ndarray:
@@ -166,17 +188,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
         simulator.rows.remember(GOAL_MEMORY, own_at.SIZE)[:] = 0.0
-        self._aim = ORIGIN
         return super().reset(simulator, robots, rng, options)
-
-    def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal, map frame; if only its bearing is known, a point in this direction instead."""
-        if self.goal_given == "pose":
-            return self.goal
-        bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)
-        aim = pose._replace(x=pose.x + AIM_RANGE * math.cos(bearing), y=pose.y + AIM_RANGE * math.sin(bearing))
-        self._aim = aim if math.dist(aim[:2], self._aim[:2]) > AIM_STEP else self._aim
-        return self._aim
 
     def _measure_path(self) -> float:
         own, row = self._own, self._rows.numbers[0]

@@ -15,7 +15,7 @@ from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.navigation.frontiers.frontiers import is_visible
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.slam import DEFAULT_SLAM, base_name, make_slam
-from lidarnaut.envs.task import Task
+from lidarnaut.envs.task import Brief, Task
 from lidarnaut.envs.worlds import ExplorableArea, World, explorable_area, world_sampler
 from lidarnaut.envs.worlds.library import Split, WorldSampler, has_no_effects
 from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
@@ -45,8 +45,7 @@ class WorldTask(Task):
     """Number of different worlds of a procedural family; None for no limit."""
     start: Any = "random"
     """Start: `"random"`, `"spawn"`, a pose (x, y, theta), or one pose per robot; world frame [m, rad]."""
-    map_resolution: float = 0.05
-    """Side of a map cell [m]."""
+    map_resolution: float = Brief.map_resolution
     reward: Any = None
     """Changed weights of reward terms by name, or a subclass of `lidarnaut.envs.task.Rewards`."""
 
@@ -55,7 +54,8 @@ class WorldTask(Task):
         check_positive(map_resolution=self.map_resolution)
         self._start = read_start(self.start, self.num_robots)
         self._sample = self._sampler(self.world)
-        self._quantities = super().quantities()  # set by `update`
+        self._quantities: dict[str, float] = {}
+        """Quantities of the last control period, for subclasses that compute them in `update`."""
 
     def _sampler(self, world: Any) -> WorldSampler:
         settings: dict[str, Any] = {"split": self.split, "size": self.world_size, "radius": self.robot.radius}
@@ -112,11 +112,12 @@ class WorldTask(Task):
 
 
 @dataclass(kw_only=True, eq=False)
-class UnknownWorldTask(WorldTask):
-    """Base class of tasks without a given map: a SLAM maps the world, in the frame of the first robot's start."""
+class UnknownWorldBrief(Brief):
+    """Base class of briefs without a given map: a SLAM maps the world, in the frame of the first robot's start."""
 
     slam: Any = DEFAULT_SLAM
     """SLAM algorithm: a name, object or function, see `lidarnaut.envs.slam.make_slam`."""
+    map_resolution: float = Brief.map_resolution
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         super().attach(robot, control_period, physics)
@@ -129,6 +130,11 @@ class UnknownWorldTask(WorldTask):
         if self.num_robots > 1 and not slam.shares_maps:
             raise ValueError(f"slam {self.slam!r} cannot share a map; choose hector, tinyslam, odometry or truth")
         return slam
+
+
+@dataclass(kw_only=True, eq=False)
+class UnknownWorldTask(UnknownWorldBrief, WorldTask):
+    """Base class of tasks without a given map."""
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
         starts = super().choose_starts(world, start, rng)

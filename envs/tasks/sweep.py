@@ -108,7 +108,7 @@ class Sweep(KnownMapTask):
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        walls, radius, (self._one,), self._pose = self.area.walls, self.robot.radius, robots, self.starts[0]
+        walls, radius, self._pose = self.area.walls, self.robot.radius, self.starts[0]
         self._raster = Frame(*map(float, (*walls.origin, walls.resolution)))
         # Half a cell of clearance, as in planning. Obstacles lie anywhere in their cells.
         distances, reached = partial(ndimage.distance_transform_edt, sampling=walls.resolution), self.area.traversable
@@ -134,9 +134,8 @@ class Sweep(KnownMapTask):
         swept = sweep(self.unswept, self._raster, line, self.robot.radius) * self._raster.resolution**2
         self.swept_area += swept
         self.end_reason = "swept" if self.swept_fraction >= self.target_swept - 1e-9 else None
-        done, contact = float(self.end_reason is not None), period * robots[0].bumper
-        self._quantities = {"swept": swept, "time": period, "collision": contact, "completed": done}
+        self._quantities = {"swept": swept, "completed": float(self.end_reason is not None)}
 
     def metrics(self) -> dict[str, Any]:
         swept = {"swept_fraction": self.swept_fraction, "swept_area": self.swept_area}
-        return {**swept, "is_lost": self._one.belief.is_lost, "is_success": self.end_reason is not None}
+        return {**swept, "is_lost": self.robots[0].belief.is_lost, "is_success": self.end_reason is not None}

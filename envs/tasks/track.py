@@ -186,28 +186,21 @@ class Track(Task):
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        (self._one,) = robots
-        self.end_reason = None
         self.route_progress, self._true_progress = Progress(self.route), Progress(self.route_world)
-        self._follow(self.starts[0], self._one)
+        self._follow(self.starts[0])
         # twice the time at maximum speed, plus 30 s
         return 30.0 + 2.0 * self.route.length / self.robot.max_v
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         pose, before = simulator.states[0].pose, self._driven
-        self._follow(pose, robots[0])
+        self._follow(pose)
         away = distance(*(self._true_progress.route.points[self._true_progress.index] - pose[:2]))
         if self._driven >= self.route.length - END:
             self.end_reason = "completed"
         elif away > self.max_deviation:
             self.end_reason = "strayed"
-        self._quantities = {
-            "progress": self._driven - before,
-            "deviation": period * abs(self._deviation),
-            "time": period,
-            "collision": period * robots[0].bumper,
-            "completed": float(self.end_reason == "completed"),
-        }
+        self._quantities = {"progress": self._driven - before, "deviation": period * abs(self._deviation)}
+        self._quantities["completed"] = float(self.end_reason == "completed")
 
     def quantities(self) -> dict[str, float]:
         return self._quantities
@@ -216,10 +209,10 @@ class Track(Task):
         return {
             "progress": self._driven / self.route.length,
             "deviation": self._deviation,
-            "is_lost": self._one.belief.is_lost,
+            "is_lost": self.robots[0].belief.is_lost,
             "is_success": self._driven >= self.route.length - END,
         }
 
-    def _follow(self, true_pose: Pose2D, robot: Robot) -> None:
+    def _follow(self, true_pose: Pose2D) -> None:
         self._driven, self._deviation = self._true_progress.update(true_pose)
-        self.route_progress.update(robot.belief.pose)
+        self.route_progress.update(self.robots[0].belief.pose)

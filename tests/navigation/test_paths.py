@@ -136,6 +136,17 @@ def test_a_robot_walled_in_has_no_paths():
     assert navigation.travel_field(make_costmap(grid, CostmapParams(0.1, 0.1)), (0.2, 0.2)) is None
 
 
+def test_the_cost_of_one_cell_is_that_of_many():
+    data = np.zeros((12, 9), dtype=np.int8)
+    data[:, 6] = 100
+    costmap = make_costmap(OccupancyGrid(data, 0.1, (0.0, 0.0)), CostmapParams(0.1, 0.1))
+    field = navigation.travel_field(costmap, (0.25, 0.25))
+    lengths = [[field.length(row, col) for col in range(-1, 10)] for row in range(-1, 13)]
+    expected = np.pad(field.cost(np.moveaxis(np.indices(data.shape), 0, -1)), 1, constant_values=math.inf)
+    np.testing.assert_array_equal(lengths, expected)
+    assert 0 < np.isfinite(expected).sum() < data.size
+
+
 def test_a_weight_beyond_the_queue_is_refused():
     with pytest.raises(ValueError, match="cost_weight"):
         step_weights(50.0, False)

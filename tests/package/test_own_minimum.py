@@ -30,11 +30,18 @@ TASK = """
 from lidarnaut.envs.tasks.starts import UnknownWorldTask
 
 class Mine(UnknownWorldTask):
-    weights = {"forward_speed": 1.0}
+    weights = {"reached": 1.0, "collision": -1.0}
 
-    def update(self, simulator, robots, period):
-        if simulator.states[0].pose.x > 100.0:
-            self.end_reason = "far"
+    def reset(self, simulator, robots, rng, options):
+        self.goal = rng.uniform(100.0, 200.0)
+        return 30.0
+
+    def quantities(self):
+        return {"reached": float(self.end_reason is not None)}
+
+    @property
+    def end_reason(self):
+        return "far" if self.simulator.states[0].pose.x > self.goal else None
 """
 EXPLORER = """
 from lidarnaut.baselines import Explorer
@@ -67,7 +74,7 @@ def names_in(source):
 
 @pytest.mark.parametrize(
     ("source", "most"),
-    [(SLAM, 10), (ESTIMATOR, 10), (TASK, 8), (EXPLORER, 6)],
+    [(SLAM, 10), (ESTIMATOR, 10), (TASK, 11), (EXPLORER, 6)],
     ids=["slam", "estimator", "task", "explorer"],
 )
 def test_few_names_make_a_part_that_works_in_an_episode(source, most):

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from lidarnaut.envs import core
+from lidarnaut.envs import task
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import SHARED_QUANTITIES, Rewards
 
@@ -125,7 +125,7 @@ def test_quantities_that_no_reward_reads_are_not_computed(monkeypatch):
     def fail(*_):
         raise AssertionError("not read")
 
-    monkeypatch.setattr(core, "clearance", fail)
+    monkeypatch.setattr(task, "clearance", fail)
     for reward in (None, Plain, {"yaw_rate": -0.1}):
         env = gymnasium.make("lidarnaut/Explore-v0", physics="kinematic", reward=reward)
         env.reset(seed=0)
