@@ -49,7 +49,7 @@ class Evaluator:
         self.shown = ("is_success", "success") if has_goal else (self.progress, self.progress.replace("_", " "))
         """Entry of `info` that the progress bar shows, and its label."""
         self.control_hz = 1.0 / inner.control_period
-        self._max_speed: float = inner.robot.max_v
+        self._max_speed: float = inner.robot_params.max_v
         self._vectors: dict[str, VectorEnv] = {}
 
     def close(self) -> None:

@@ -198,7 +198,7 @@ def _describe(record: Record, env: Any) -> dict[str, Any]:
         "control_period": env.control_period,
         "inputs": inputs,
         "action": _describe_space(record.action) | {"about": MEANING[record.action.kind]},
-        "robot": dataclasses.asdict(env.robot),
+        "robot": dataclasses.asdict(env.robot_params),
         "versions": {name: version(name) for name in ("lidarnaut", *LIBRARIES, "onnx")},
     }
 

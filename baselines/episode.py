@@ -137,7 +137,7 @@ def begin_episode(env: gymnasium.Env, policy: Policy, seed: int, rng: np.random.
     if rate and abs(period * rate - 1.0) > 0.01 and not _chooses(env):
         name = type(policy).__name__
         warnings.warn(f"{name} has control_hz {rate:g}, but decides every {period:.3g} s here", stacklevel=2)
-    policy.reset(inner.robot, period, rng)
+    policy.reset(inner.robot_params, period, rng)
     if isinstance(policy, PrivilegedPolicy) and inner.task.coverage is not None:
         policy.reveal(inner.task.coverage, inner.task.target_coverage)
     if inner.task.route is not None:
@@ -157,7 +157,7 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
     if not _chooses(env):
         inner.overlay.markers = lambda: policy.markers
     is_called_back = task.return_home and not _chooses(env)
-    home = HomeNavigator(inner.robot, inner.control_period, inner.np_random) if is_called_back else None
+    home = HomeNavigator(inner.robot_params, inner.control_period, inner.np_random) if is_called_back else None
     action: Any = None
 
     def decide(observation: Observation) -> np.ndarray | np.integer | str:
@@ -165,7 +165,7 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
         if home is not None and task.is_returning:
             twist = home.act(inner.reading, inner.belief)
             inner.overlay.plan = home.plan
-            return home.home_reason or to_action(twist, inner.robot)
+            return home.home_reason or to_action(twist, inner.robot_params)
         if calls % repeats == 0:
             action = decide_once(observation)
         calls += 1
@@ -204,8 +204,8 @@ def _decide_once(policy: Policy, env: gymnasium.Env[Any, Any]) -> Callable[[Obse
             beliefs: Any = [robot.belief for robot in inner.robots]
             twists: Any = policy.act(readings, beliefs)
             inner.overlay.plans[:] = policy.plans
-            return np.stack([to_action(twist, inner.robot) for twist in twists])
-        action = to_action(policy.act(inner.reading, inner.belief), inner.robot)
+            return np.stack([to_action(twist, inner.robot_params) for twist in twists])
+        action = to_action(policy.act(inner.reading, inner.belief), inner.robot_params)
         inner.overlay.plan = policy.plan
         tracks = inner.belief.people if policy.tracks is None else policy.tracks
         inner.overlay.tracks = people_in(tracks, inner.belief.pose) if len(tracks) else NO_TRACKS
@@ -273,7 +273,7 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Any, seed: int, on_step: W
 
     decide = decide_with(policy, env)
     _, info, decision_times = run(env, decide, observation, info, watch, clock=time.process_time)
-    history = recorder.history(info, inner.time_limit, inner.robot.max_v)
+    history = recorder.history(info, inner.time_limit, inner.robot_params.max_v)
     return Episode(
         values={measure.name: float(measure.compute(history)) for measure in measures_of(inner.task.measures)},
         history=history,
@@ -281,5 +281,5 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Any, seed: int, on_step: W
         end_reason=info["end_reason"],
         duration=info["time"],
         time_limit=inner.time_limit,
-        distance_limit=inner.robot.max_v * inner.time_limit,
+        distance_limit=inner.robot_params.max_v * inner.time_limit,
     )

@@ -357,7 +357,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def robot(self) -> RobotParams:
-        """As `robot_params`."""
+        """`robot_params`, by its name in earlier versions."""
         return self.robot_params
 
     def render(self) -> np.ndarray | None:

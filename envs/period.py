@@ -51,7 +51,7 @@ class Period:
         self.monitor = monitor
         self.quantities: Mapping[str, Any] = {}
         """Quantities of the last control period, as rewarded."""
-        self._limits = np.array([env.robot.max_v, env.robot.max_w])
+        self._limits = np.array([env.robot_params.max_v, env.robot_params.max_w])
         self._noted = np.empty((len(env.robots), BLOCK, 4)), np.zeros((len(env.robots), 2), dtype=np.int64)
 
     def begin(self) -> None:

@@ -119,14 +119,14 @@ class Teleop:
                 env.set_initial_pose(pose)
                 return
             env.set_goal(pose)
-            self._navigator.reset(env.robot, env.control_period, env.np_random.spawn(1)[0])
+            self._navigator.reset(env.robot_params, env.control_period, env.np_random.spawn(1)[0])
             self._navigator.set_goal(pose[:2], pose.theta)
         except ValueError as error:
             self._message = str(error)
 
     def _action(self) -> np.ndarray:
         env, navigator, twist = self._env, self._navigator, np.zeros(2)
-        limits = np.array([env.robot.max_v, env.robot.max_w])
+        limits = np.array([env.robot_params.max_v, env.robot_params.max_w])
         if self._held:
             navigator.goal = None
             twist = np.sign(np.sum([DIRECTIONS[key] for key in self._held], axis=0)) * (limits[0], TURN_RATE)

@@ -130,7 +130,7 @@ def outcome(id, calls, arguments):
     except ValueError as error:
         seen.append(str(error))
     belief = inner.belief
-    seen += [dict(calls), inner.robot.name, inner.control_period, inner.time, inner.time_limit, inner.map_pose]
+    seen += [dict(calls), inner.robot_params.name, inner.control_period, inner.time, inner.time_limit, inner.map_pose]
     seen += [inner.simulator.states, inner.simulator.people, inner.reading.extra]
     seen += [belief.pose, belief.covariance, belief.grid.data, np.shape(env.render()) if env.render_mode else None]
     calls.clear()

@@ -69,7 +69,7 @@ def test_lidars_are_as_drawn_and_the_robot_is_told_nothing():
     def scan(**values):
         env = LidarEnv(Explore, **ROOM, randomize=fixed(**values))
         observation, _ = env.reset(seed=0)
-        assert env.robot == env.robots[0].params == BURGER
+        assert env.robot_params == env.robots[0].params == BURGER
         return observation["scan"] * BURGER.lidar.range_max
 
     exact, noisy = scan(lidar__noise_std=0.0), scan(lidar__noise_std=0.1)

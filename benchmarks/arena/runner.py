@@ -185,9 +185,9 @@ class Evaluation:
                 env = case.make_env(self._objects(case))
             with contextlib.closing(env):
                 inner = lidar_env_of(env)
-                self._robots[case] = name = inner.robot.name
-                first, robot = robots.setdefault(name, (case.robot, inner.robot))
-                if robot != inner.robot:
+                self._robots[case] = name = inner.robot_params.name
+                first, robot = robots.setdefault(name, (case.robot, inner.robot_params))
+                if robot != inner.robot_params:
                     raise ValueError(
                         f"robots {first!r} and {case.robot!r} differ, but both have the name {name!r}, which "
                         "identifies their episodes; change `name` in one of them"

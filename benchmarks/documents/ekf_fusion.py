@@ -249,7 +249,7 @@ def run_drive(
     decide, fused, route = decide_with(follower, env), env.robots[0].estimator, env.task.route
     channels = {}
     for k, (name, fault) in enumerate(filters.items()):
-        ekf = make_filter(env.robot, env.task.control_period)
+        ekf = make_filter(env.robot_params, env.task.control_period)
         ekf.reset(fused.pivot, start_covariance())
         channels[name] = FaultyChannel(ekf, fault, np.random.default_rng([seed, k]))
     rows: list[tuple[float, Pose2D, Pose2D]] = []

@@ -151,7 +151,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if self._slides and (unknown := [name for name in env.task.rewards.shared if name in COLUMNS]):
             raise ValueError(f"reward terms {unknown} have no effect in slides; choose {DRIVEN}")
         self._limits: Any = {"max_candidates": max_candidates, "max_time": max_decision_time}
-        self.navigator = FrontierNavigator(env.robot, env.control_period, **self._limits)
+        self.navigator = FrontierNavigator(env.robot_params, env.control_period, **self._limits)
         self.render_mode = env.render_mode
         self.metadata = env.metadata
         self._max_candidates = max_candidates
@@ -159,14 +159,14 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """Whether one kernel call simulates several control periods."""
         self._map = MapCrop(resolution=FAR_PIXEL)
         self.action_space = spaces.Discrete(max_candidates)
-        self._robot_features = robot_features(env.robot)
+        self._robot_features = robot_features(env.robot_params)
         self.observation_space: spaces.Space[Any] = spaces.Dict(
             {
                 "candidates": spaces.Box(-1.0, 1.0, (max_candidates, len(FEATURES)), np.float32),
                 "sectors": spaces.Box(0.0, 1.0, (max_candidates, 2 * NUM_SECTORS), np.float32),
                 "gaps": spaces.Box(0.0, 1.0, (max_candidates, max_candidates), np.float32),
                 "action_mask": spaces.MultiBinary(max_candidates),
-                "map": self._map.space(env.robot),
+                "map": self._map.space(env.robot_params),
                 "robot": spaces.Box(0.0, 1.0, (3,), np.float32),
             }
         )
@@ -256,8 +256,11 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return self.deciding.belief
 
     @property
-    def robot(self) -> RobotParams:
-        return self.explore.robot
+    def robot_params(self) -> RobotParams:
+        """Nominal robot parameters, also as `robot`."""
+        return self.explore.robot_params
+
+    robot = robot_params
 
     @property
     def time_limit(self) -> float:
@@ -328,7 +331,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def _drive_home(self) -> str | None:
         explore, robot = self.explore, self.explore.robots[0]
         self._task.call_back()
-        home = HomeNavigator(explore.robot, explore.control_period, explore.np_random)
+        home = HomeNavigator(explore.robot_params, explore.control_period, explore.np_random)
         while not any(explore.is_over):
             twist = home.act(robot.reading, robot.belief)
             if home.home_reason is not None:
@@ -379,7 +382,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
                 progress = REACHED if is_end else TIME_UP
             if progress == REACHED and not navigator.numbers["sees_around"]:
                 target = self.navigator.target or pose[:2]
-                heading = math.atan2(target[1] - pose.y, target[0] - pose.x) - self.robot.lidar.mount.yaw
+                heading = math.atan2(target[1] - pose.y, target[0] - pose.x) - self.robot_params.lidar.mount.yaw
                 pose = pose._replace(theta=heading)
             yield pose._replace(theta=wrap_angle(pose.theta)), count - before, progress
             before = count
@@ -388,7 +391,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """Yield estimated pose, control periods and progress of each scan of a turn in place."""
         navigator, (x, y, theta) = self.navigator.navigator, self.belief.pose
         navigator.stop()
-        parts = 1 if navigator.numbers["sees_around"] else max(4, math.ceil(2.0 * math.pi / self.robot.lidar.fov))
+        parts = (
+            1 if navigator.numbers["sees_around"] else max(4, math.ceil(2.0 * math.pi / self.robot_params.lidar.fov))
+        )
         count = math.ceil(2.0 * math.pi / float(navigator.numbers["spin_rate"]) / self.explore.control_period / parts)
         for k in range(parts):
             heading = wrap_angle(theta + 2.0 * math.pi * (k + 1) / parts)

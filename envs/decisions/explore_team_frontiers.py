@@ -108,8 +108,8 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
 
     def _begin(self) -> None:
         explore, numbers = self.explore, range(len(self.explore.robots))
-        team = [TeamRobot(explore.robot, explore.control_period, k, **self._limits) for k in numbers]
-        self._team, explore.overlay.markers = TeamNavigator(explore.robot, team), partial(Markers.of, team)
+        team = [TeamRobot(explore.robot_params, explore.control_period, k, **self._limits) for k in numbers]
+        self._team, explore.overlay.markers = TeamNavigator(explore.robot_params, team), partial(Markers.of, team)
         self._due = self._update()
         self._turn(self._due.pop(0) if self._due else team[0])
 

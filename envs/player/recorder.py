@@ -39,7 +39,7 @@ class EpisodeRecorder:
         inner = lidar_env_of(env)
         self._env, self._explorer = inner, wrap(explorer or Policy(), Policy)
         self._outer = env.unwrapped
-        self._beams = np.unique(np.linspace(0, len(inner.robot.lidar.angles) - 1, MAX_BEAMS).astype(int))
+        self._beams = np.unique(np.linspace(0, len(inner.robot_params.lidar.angles) - 1, MAX_BEAMS).astype(int))
 
     def __enter__(self) -> "EpisodeRecorder":
         self._before = self._env.on_period
@@ -124,17 +124,17 @@ class EpisodeRecorder:
         env = self._env
         if env.time > self._samples[-1]["time"]:
             self._sample()
-        lidar, area = env.robot.lidar, getattr(env.task, "area", None)
+        lidar, area = env.robot_params.lidar, getattr(env.task, "area", None)
         floor = np.zeros((1, 1)) if area is None else area.explorable
         frame = (1.0, (0.0, 0.0)) if area is None else (area.walls.resolution, tuple(map(float, area.walls.origin)))
         kinds = [BODY_KINDS[int(kind)] for kind in env.simulator.crowd.rows[:, KIND]]
-        radii = env.simulator.people[:, 4].tolist() + [env.robot.radius] * (len(env.robots) - 1)
+        radii = env.simulator.people[:, 4].tolist() + [env.robot_params.radius] * (len(env.robots) - 1)
         map_shape, map_origin, cells, changes, map_ends = self._map.arrays()
         facts = {
             "explorer": "" if type(self._explorer) is Policy else type(self._explorer).__name__,
             "world": env.world.name,
-            "robot": env.robot.name,
-            "radius": env.robot.radius,
+            "robot": env.robot_params.name,
+            "radius": env.robot_params.radius,
             "lidar": {
                 "range_max": lidar.range_max,
                 "mount": [lidar.mount.x, lidar.mount.y, lidar.mount.yaw],

@@ -45,7 +45,7 @@ def test_two_updates_go_on_alike_from_a_checkpoint_and_act(algorithm, id, traine
     observation, _ = env.reset(seed=0)
     actions = []
     for _ in range(2):
-        policy.reset(inner.robot, inner.control_period, np.random.default_rng(0))
+        policy.reset(inner.robot_params, inner.control_period, np.random.default_rng(0))
         actions.append([policy(observation) for _ in range(2)])
     assert env.action_space.contains(actions[0][0])
     np.testing.assert_array_equal(*actions)

@@ -32,7 +32,7 @@ def env(tiny_config):
 
 
 def ready(explorer, env, seed=0):
-    explorer.reset(env.unwrapped.robot, env.unwrapped.control_period, np.random.default_rng(seed))
+    explorer.reset(env.unwrapped.robot_params, env.unwrapped.control_period, np.random.default_rng(seed))
     return explorer
 
 
@@ -145,6 +145,6 @@ def test_a_policy_that_is_measured_with_ground_truth_is_marked_in_its_run_and_in
     policy = LearnedPolicy.load(run, trust="tests")
     assert policy.observations == parts[path]
     env = gymnasium.make(reach["id"], observations=policy.observations, world="hall", robot="jackal")
-    policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))
+    policy.reset(env.unwrapped.robot_params, 0.1, np.random.default_rng(0))
     assert env.action_space.contains(policy(env.reset(seed=0)[0]))
     env.close()

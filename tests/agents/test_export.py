@@ -62,7 +62,7 @@ def acts_alike(onnxruntime, config, run, path, steps=12):
     policy = LearnedPolicy.load(run, trust="tests")
     env = make_env(evaluation_environment(config), "test")
     inner = lidar_env_of(env)
-    policy.reset(inner.robot, inner.control_period, np.random.default_rng(0))
+    policy.reset(inner.robot_params, inner.control_period, np.random.default_rng(0))
     observation, _ = env.reset(seed=7)
     state = {name: np.zeros(shape, np.float32) for name, shape in about["states"].items()}
     assert {one.name for one in session.get_inputs()} == observation.keys() | state.keys()

@@ -73,7 +73,7 @@ def test_a_policy_of_ppo_is_shipped_without_the_optimizer(tiny_run, tiny_config,
     observation, _ = env.reset(seed=1)
     shipped, trained = load_policy(find_policy(folder), trust="tests"), LearnedPolicy.load(tiny_run, trust="tests")
     for explorer in (shipped, trained):
-        explorer.reset(env.unwrapped.robot, env.unwrapped.control_period, np.random.default_rng(0))
+        explorer.reset(env.unwrapped.robot_params, env.unwrapped.control_period, np.random.default_rng(0))
     np.testing.assert_array_equal(shipped(observation), trained(observation))
 
 

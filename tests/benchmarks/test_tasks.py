@@ -132,7 +132,7 @@ def test_learned_policies_draw_their_actions_if_asked():
 
     def actions(name, seed):
         policy = pickle.loads(pickle.dumps(parse_policy(f"ppo:pretrained/reach{name}"))).make()
-        policy.reset(env.unwrapped.robot, env.unwrapped.control_period, np.random.default_rng(seed))
+        policy.reset(env.unwrapped.robot_params, env.unwrapped.control_period, np.random.default_rng(seed))
         return np.array([policy(observation) for _ in range(40)])
 
     drawn = actions("?deterministic=false", 1)

@@ -140,7 +140,7 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
 
     def spy(period, commands):
         # Driving straight on, without the navigator, the robot hits a wall.
-        run(period, np.array([[env.robot.max_v, 0.0]]))
+        run(period, np.array([[env.robot_params.max_v, 0.0]]))
         taken.append(env.explore.outcome()[3]["rewards"])
 
     monkeypatch.setattr(Period, "run", spy)
@@ -222,7 +222,7 @@ def test_the_abstract_robot_is_no_faster_than_the_real_one_and_its_pose_drifts_a
     error, turn = info["pose_error"]
     assert least <= error <= most
     assert turn <= 0.1
-    assert info["path_length"] <= env.robot.max_v * info["time"] + 1e-6
+    assert info["path_length"] <= env.robot_params.max_v * info["time"] + 1e-6
     area = env.explore.task.coverage.area
     cells = area.walls.cells(positions)
     assert all(area.traversable[r - 1 : r + 2, c - 1 : c + 2].any() for r, c in cells)

@@ -69,7 +69,7 @@ def compare(make, arguments, motion):
     kept = {key: value for key, value in arguments.items() if key not in simulated}
     if hasattr(env.task, "localizer"):
         kept["map"] = env.task.prior(0, np.random.default_rng(0)).map
-    driver = Driver(own, env.robot, motion=motion, seed=3, **kept)
+    driver = Driver(own, env.robot_params, motion=motion, seed=3, **kept)
     if env.task.goal is not None:
         driver.goal(*env.task.goal[: 3 if "heading_tolerance" in kept else 2])
     commands = []

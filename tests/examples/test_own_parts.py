@@ -47,7 +47,7 @@ def test_make_takes_all_parts():
     shapes = {name: part.shape for name, part in observation.items()}
     assert shapes == {"motion": (6,), "beacons": (3,), "sectors": (8,)}
     assert "careful" in info["rewards"]
-    assert (env.unwrapped.world.name, env.unwrapped.robot.name) == ("my_hall", "my_robot")
+    assert (env.unwrapped.world.name, env.unwrapped.robot_params.name) == ("my_hall", "my_robot")
     env.close()
 
 

@@ -339,11 +339,14 @@ def test_time_that_goes_backwards_is_refused():
 def test_reactive_driving_covers_ground_without_contact(seed):
     env = LidarEnv(Navigate, **TRUE, world="turtlebot3_world", time_limit=120.0)
     env.reset(seed=seed, options={"goal": (-2.0, -0.5, 0.0)})
-    navigator, driver = Navigator(env.robot, 0.1), ReactiveDriver(env.robot, 0.1, np.random.default_rng(seed))
+    navigator, driver = (
+        Navigator(env.robot_params, 0.1),
+        ReactiveDriver(env.robot_params, 0.1, np.random.default_rng(seed)),
+    )
     navigator.reset(env.reading)
     positions = []
     for _ in range(300):
-        _, _, _, _, info = env.step(to_action(driver.command(navigator.obstacles), env.robot))
+        _, _, _, _, info = env.step(to_action(driver.command(navigator.obstacles), env.robot_params))
         navigator.sense(env.reading)
         positions.append(env.belief.pose[:2])
     assert info["collisions"] == 0

@@ -30,7 +30,7 @@ def test_scans_are_pooled_to_the_least_range_of_each_sector():
 
 def test_ranges_are_shown_finely_where_obstacles_are_near():
     env, (first, *_) = histories(0, lags=(0.0,), num_sectors=360)
-    ranges, radius = env.robots[0].ranges, env.robot.radius
+    ranges, radius = env.robots[0].ranges, env.robot_params.radius
     expected = 0.5 / (np.maximum(ranges - radius, 0.0) + 0.5)
     np.testing.assert_allclose(first["scan_history"], np.where(np.isnan(ranges), 1.0, expected), atol=1e-6)
 

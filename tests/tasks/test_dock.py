@@ -30,7 +30,7 @@ def test_the_classic_policy_docks_without_contact(setting, start, physics):
     assert episode.distance_to_goal <= 0.01
     assert episode.heading_error <= math.radians(3.0)
     dock, robot = env.world.docks[0], env.simulator.states[0].pose
-    assert dock.between(robot).x == pytest.approx(-env.robot.radius - DOCK_GAP, abs=0.01)
+    assert dock.between(robot).x == pytest.approx(-env.robot_params.radius - DOCK_GAP, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_docked_robot_is_charged_up_to_the_target():
     env = LidarEnv(Dock, **DOCKED, start_charge=(0.5, 0.5), target_charge=0.5005)
     observation, _ = env.reset(seed=0)
     np.testing.assert_allclose(observation["battery"], [0.5, 0.0])
-    battery, power = env.robot.battery, []
+    battery, power = env.robot_params.battery, []
     for _ in range(100):
         before = env.task.charge
         observation, _, terminated, _, info = env.step(STOP)
@@ -82,7 +82,7 @@ def test_the_policy_stays_at_the_station_until_the_battery_is_charged():
 def test_the_time_limit_includes_charging():
     env = LidarEnv(Dock, **DOCKED, target_charge=0.8)
     env.reset(seed=0)
-    battery, without = env.robot.battery, LidarEnv(Dock, **DOCKED)
+    battery, without = env.robot_params.battery, LidarEnv(Dock, **DOCKED)
     without.reset(seed=0)
     charging = 3600.0 * 0.8 * battery.capacity / battery.charging_power
     assert env.time_limit - without.time_limit == pytest.approx(charging, abs=10.0)
@@ -108,8 +108,8 @@ def test_an_empty_battery_ends_the_episode():
         info = env.step(np.array([0.5, 0.0], dtype=np.float32))[4]
         charges.append(info["charge"])
     assert (info["end_reason"], info["charge"], info["is_success"]) == ("empty", 0.0, False)
-    power = 3600.0 * env.robot.battery.capacity * (charges[6] - charges[7]) / env.control_period
-    battery = env.robot.battery
+    power = 3600.0 * env.robot_params.battery.capacity * (charges[6] - charges[7]) / env.control_period
+    battery = env.robot_params.battery
     assert power == pytest.approx(battery.idle_power + 0.39 * battery.energy_per_metre, rel=0.05)
 
 
@@ -175,7 +175,7 @@ def test_a_contact_while_backing_off_is_remembered_behind_the_robot():
     env = LidarEnv(Dock, **STATION, **lot())
     env.reset(seed=0)
     navigator = DockNavigator()
-    navigator.reset(env.robot, env.control_period, np.random.default_rng(0))
+    navigator.reset(env.robot_params, env.control_period, np.random.default_rng(0))
     navigator.set_goal(env.task.goal)
     navigator.act(env.reading, env.belief)
     navigator._to_dock, navigator._is_backing = Pose2D(0.2, 0.0, 0.0), True

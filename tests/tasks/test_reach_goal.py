@@ -68,7 +68,7 @@ def test_nearness_to_obstacles_costs_by_the_gap_to_the_footprint():
     for _ in range(60):
         *_, info = env.step(AHEAD)
         (x, y, _), _ = env.simulator.states[0]
-        share = 1.0 - (clearance(x, y, env.world.segments, env.world.circles) - env.robot.radius) / 0.15
+        share = 1.0 - (clearance(x, y, env.world.segments, env.world.circles) - env.robot_params.radius) / 0.15
         assert info["rewards"]["clearance"] == pytest.approx(-0.04 * min(max(share, 0.0), 1.0))
         paid += 0.0 < share < 1.0
     assert paid > 3
@@ -130,7 +130,7 @@ def test_measures_weigh_success_by_path_time_and_the_metric_of_barn():
 def test_the_clock_of_barn_starts_when_the_robot_moves():
     env = LidarEnv(ReachGoal, **TO_GOAL)
     _, info = env.reset(seed=0)
-    ideal = info["geodesic_distance"] / env.robot.max_v
+    ideal = info["geodesic_distance"] / env.robot_params.max_v
     for _ in range(150):
         env.step(STOP)
     while not any(env.is_over):
@@ -142,7 +142,7 @@ def test_the_clock_of_barn_starts_when_the_robot_moves():
 def test_a_world_may_have_a_goal_of_its_own_and_a_length_that_its_benchmark_counts():
     env = LidarEnv(ReachGoal, world="barn:12", physics="kinematic", start="spawn", goal="world", goal_tolerance=1.0)
     _, info = env.reset(seed=0)
-    assert (env.robot.name, env.time_limit, info["distance_to_goal"]) == ("jackal", 100.0, pytest.approx(10.0))
+    assert (env.robot_params.name, env.time_limit, info["distance_to_goal"]) == ("jackal", 100.0, pytest.approx(10.0))
     assert env.map_pose.compose(env.task.goal)[:2] == pytest.approx(env.world.goals[0][:2])
     assert info["geodesic_distance"] == pytest.approx(env.world.optimal_length, rel=0.2)
     with pytest.raises(ValueError, match="world 'turtlebot3_world' has no goals"):
@@ -183,7 +183,7 @@ def test_who_runs_into_a_robot_that_drives_on_is_no_wall(physics):
     env = LidarEnv(ReachGoal, **settings, goal=(8.0, 2.0, 0.0), robot="jackal")
     *_, (_, _, _, _, info) = drive(env, 0.3 * AHEAD, 100)
     assert (info["end_reason"], info["hit_by_person"]) == ("person", 1)
-    assert env.simulator.people[0, 0] < env.simulator.states[0].pose.x - 0.3 - env.robot.radius - 0.04
+    assert env.simulator.people[0, 0] < env.simulator.states[0].pose.x - 0.3 - env.robot_params.radius - 0.04
     assert [(contact.kind, contact.by) for contact in env.simulator.contacts] == [("person", "other")]
 
 

@@ -71,11 +71,11 @@ def test_shared_quantities_are_true_values_at_the_end_of_the_step(physics):
         assert seen["acceleration"] == pytest.approx(accelerations[-1], abs=1e-9)
         assert seen["jerk"] == pytest.approx(abs(accelerations[-1] - accelerations[-2]) / period, abs=1e-6)
         x, y, _ = state.pose
-        away = to_nearest((x, y), inner.world.segments, inner.world.circles) - inner.robot.radius
+        away = to_nearest((x, y), inner.world.segments, inner.world.circles) - inner.robot_params.radius
         assert seen["obstacle_gap"] == pytest.approx(min(max(away, 0.0), 10.0), abs=2e-3)
         people = inner.simulator.people
         nearest = min(np.hypot(px - x, py - y) - radius for px, py, _, _, radius in people)
-        assert seen["person_gap"] == pytest.approx(min(nearest - inner.robot.radius, 10.0), abs=1e-6)
+        assert seen["person_gap"] == pytest.approx(min(nearest - inner.robot_params.radius, 10.0), abs=1e-6)
     assert (np.ptp(varied, axis=0) > 0.0).all()
 
 
@@ -95,7 +95,7 @@ def test_terms_of_a_team_are_sums_over_its_robots():
         assert info["rewards"][name] == pytest.approx(0.1 * inner.control_period * expected)
     poses = np.array([state.pose[:2] for state in inner.simulator.states])
     apart = np.linalg.norm(poses[:, None] - poses, axis=2) + 100.0 * np.eye(3)
-    assert (seen["obstacle_gap"] <= apart.min(axis=1) - 2.0 * inner.robot.radius + 1e-9).all()
+    assert (seen["obstacle_gap"] <= apart.min(axis=1) - 2.0 * inner.robot_params.radius + 1e-9).all()
 
 
 @pytest.mark.parametrize("id", ["ExploreFrontiers-v0", "ExploreTeamFrontiers-v0"])

@@ -40,7 +40,7 @@ def test_the_kernel_clears_cells_near_the_line_as_a_slow_reference_does(line):
 def test_a_straight_drive_sweeps_a_strip_of_the_robots_width():
     env = LidarEnv(Sweep, **SETTINGS, map_resolution=0.02)
     _, info = env.reset(seed=0)
-    radius = env.robot.radius
+    radius = env.robot_params.radius
     assert info["swept_area"] == pytest.approx(math.pi * radius**2, rel=0.1)
     # All of the room, without the corners and the cells at the walls.
     assert env.task.floor_area == pytest.approx(9.0, abs=0.2)
@@ -68,7 +68,7 @@ def test_classic_policies_sweep_until_the_target(world, robot, name):
     if world is ROOM:
         assert episode.collisions == 0
         # At most 1.8 times the length of lanes without overlap.
-        assert episode.path_length < 1.8 * env.task.floor_area / (2.0 * env.robot.radius)
+        assert episode.path_length < 1.8 * env.task.floor_area / (2.0 * env.robot_params.radius)
 
 
 def test_a_policy_goes_on_until_the_time_limit_if_floor_is_left(monkeypatch):
@@ -86,11 +86,11 @@ def test_cells_at_walls_that_the_body_cannot_reach_are_no_floor():
     env.reset(seed=0)
     area, side = env.task.area, env.task.area.walls.resolution
     to_wall = ndimage.distance_transform_edt(area.walls.data == 0, sampling=side)
-    stands = np.argwhere(to_wall > env.robot.radius + 0.5 * side)
+    stands = np.argwhere(to_wall > env.robot_params.radius + 0.5 * side)
     assert len(stands) < area.traversable.sum()
     floor = np.argwhere(env.task.unswept)
     away = np.sqrt(((floor[:, None] - stands) ** 2).sum(axis=2)).min(axis=1) * side
-    assert away.max() <= env.robot.radius
+    assert away.max() <= env.robot_params.radius
     assert env.task.floor_area == pytest.approx(1.94, abs=0.01)
 
 
@@ -98,7 +98,7 @@ def test_cells_at_walls_that_the_body_cannot_reach_are_no_floor():
 def test_the_body_reaches_all_floor_with_half_a_cell_of_clearance_to_the_true_walls(world):
     env = LidarEnv(Sweep, **SETTINGS | {"world": world, "robot": "create3"})
     env.reset(seed=0)
-    walls, radius, floor = env.task.area.walls, env.robot.radius, env.task.unswept.copy()
+    walls, radius, floor = env.task.area.walls, env.robot_params.radius, env.task.unswept.copy()
     least = radius + 0.5 * walls.resolution - 1e-6
     x0, y0, x1, y1 = world.bounds
     for x, y in walls.centers(np.argwhere(env.task.area.traversable)):

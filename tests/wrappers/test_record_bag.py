@@ -74,7 +74,7 @@ def drive_recorded(tmp_path):
 @pytest.mark.parametrize("slam", ["tinyslam", "truth"])
 def test_a_bag_gives_the_readings_back(drive_recorded, slam):
     env, readings, bag = drive_recorded(slam=slam)
-    log, lidar = load_log(bag), env.robot.lidar
+    log, lidar = load_log(bag), env.robot_params.lidar
     np.testing.assert_array_equal(log.ranges, [reading.ranges for reading in readings])
     np.testing.assert_allclose(log.times, [RESET_STAMP + reading.time for reading in readings], atol=1e-9)
     np.testing.assert_array_equal(log.scan_rows, np.arange(len(readings)))
@@ -94,7 +94,7 @@ def test_a_bag_is_replayed_to_a_map(drive_recorded, tmp_path):
 
 def test_frames_maps_plans_and_commands(drive_recorded):
     env, readings, bag = drive_recorded()
-    belief, robot, steps, messages = env.belief, env.robot, len(readings) - 1, read(bag)
+    belief, robot, steps, messages = env.belief, env.robot_params, len(readings) - 1, read(bag)
     counts = {topic: len(found) for topic, found in messages.items()}
     each = dict.fromkeys(("/clock", "/scan", "/odom", "/tf"), steps + 1)
     assert counts == each | {"/tf_static": 1, "/map": 4, "/plan": steps, "/cmd_vel": steps}

@@ -60,7 +60,7 @@ def test_rules_choose_at_decision_level_too(name):
     explorer = make_policy(name)
     env.reset(seed=0)
     if hasattr(explorer.rule, "reset"):
-        explorer.rule.reset(env.robot, np.random.default_rng(0))
+        explorer.rule.reset(env.robot_params, np.random.default_rng(0))
     for _ in range(3):
         choice = explorer.rule(env.candidates, env.belief).argmax()
         *_, info = env.step(np.int64(choice))

@@ -58,7 +58,7 @@ def test_what_the_tour_leaves_over_is_left_to_the_nearest_frontier():
     _, info = begin_episode(env, explorer, 0, np.random.default_rng(0))
     explorer.reveal(env.task.coverage, 0.5)
     while "end_reason" not in info and explorer.end_reason is None:
-        *_, info = env.step(to_action(explorer.act(env.reading, env.belief), env.robot))
+        *_, info = env.step(to_action(explorer.act(env.reading, env.belief), env.robot_params))
     assert info["explored_fraction"] >= 0.99
 
 

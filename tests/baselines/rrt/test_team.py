@@ -21,11 +21,11 @@ def drive(env, seed, grid=None):
     """Let a team drive for at most 150 s with its own map or `grid`; yield the team and the info after each step."""
     _, info = env.reset(seed=seed)
     team = RrtTeam()
-    team.reset(env.robot, env.control_period, np.random.default_rng(seed))
+    team.reset(env.robot_params, env.control_period, np.random.default_rng(seed))
     while team.end_reason is None and info["time"] < 150.0:
         beliefs = [Belief(robot.belief.pose, grid) if grid else robot.belief for robot in env.robots]
         twists = team.act([robot.reading for robot in env.robots], beliefs)
-        *_, info = env.step(np.stack([to_action(twist, env.robot) for twist in twists]))
+        *_, info = env.step(np.stack([to_action(twist, env.robot_params) for twist in twists]))
         yield team, info
 
 
