@@ -65,7 +65,7 @@ def make_kernels(num_bodies: int) -> dict[str, tuple[Callable[..., Any], *tuple[
     points = np.empty((2, len(noisy)), dtype=np.float32)
     count = project_hits(noisy, grid_map.geometry, points)
     noise, trace = np.random.default_rng(0).standard_normal((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
-    room = np.empty((lidar.num_beams, 3)), np.empty((empty.words.size, 2), dtype=np.int32)
+    room = np.empty((lidar.num_beams, 3)), *np.empty((2, empty.words.size, 2), dtype=np.int32)
     over = empty.geometry, empty.corner, empty.model, params.quality, *room
     grid = grid_map.grid
     level, crop = Level(round(NEAR_PIXEL / grid.resolution), None), np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)

@@ -12,10 +12,17 @@ from lidarnaut.envs.geometry.lookup import load
 
 LARGEST_POOLED = 8
 """Pyramid blocks up to this side are computed from map cells, larger blocks from smaller blocks [cells]."""
+CELLS_PER_CHANGE = 16
+"""Changed cells are pooled one by one if the map rectangle around them has at least this many cells for each."""
 _POOL = 4
 _FREE = np.uint16(0xFF)
 _OCCUPIED = np.uint16(1 << 8)
 _VISITED = np.uint16(1 << 9)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _counted(value):
+    return (np.uint16(1) if value >= 0 else np.uint16(0)) + (np.uint16(255) if value >= OCCUPIED_FROM else np.uint16(0))
 
 
 @njit(cache=True, error_model="numpy")
@@ -25,8 +32,14 @@ def _add_columns(lines, sums):
     for row in range(lines.shape[0]):
         line = lines[row]
         for k in range(line.shape[0]):
-            known = np.uint16(1) if line[k] >= 0 else np.uint16(0)
-            sums[k] += known + (np.uint16(255) if line[k] >= OCCUPIED_FROM else np.uint16(0))
+            sums[k] += _counted(line[k])
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _pooled(word, total, scale):
+    # Half a cell compensates rounding errors.
+    share = np.uint16((np.float32(np.uint16(255) * (total & _FREE)) + np.float32(0.5)) * scale)
+    return (word & _VISITED) | (_OCCUPIED if total >= _OCCUPIED else np.uint16(0)) | share
 
 
 @njit(cache=True, error_model="numpy")
@@ -47,9 +60,38 @@ def pool_cells(data, window, block, level):
             total = np.uint16(0)
             for j in range(k * block, (k + 1) * block):
                 total += sums[j]
-            # Half a cell compensates rounding errors.
-            share = np.uint16((np.float32(np.uint16(255) * (total & _FREE)) + np.float32(0.5)) * scale)
-            words[k] = (words[k] & _VISITED) | (_OCCUPIED if total >= _OCCUPIED else np.uint16(0)) | share
+            words[k] = _pooled(words[k], total, scale)
+
+
+@njit(cache=True, error_model="numpy")
+def pool_at(data, cells, block, level):
+    """Compute the blocks of a pyramid level that contain map cells (row, column), shape (n, 2), int32.
+
+    Other arguments as in `pool_cells`.
+    """
+    height, width = data.shape
+    level_width, scale, last_i, last_j = (width + block - 1) // block, np.float32(1.0 / (block * block)), -1, -1
+    for k in range(cells.shape[0]):
+        i, j = cells[k, 0] // block, cells[k, 1] // block
+        if i != last_i or j != last_j:
+            total = np.uint16(0)
+            for a in range(i * block, min((i + 1) * block, height)):
+                for b in range(j * block, min((j + 1) * block, width)):
+                    total += _counted(data[a, b])
+            level[i * level_width + j] = _pooled(level[i * level_width + j], total, scale)
+        last_i, last_j = i, j
+
+
+@njit(cache=True, error_model="numpy")
+def _pool_block(finer, height, width, i, j):
+    free = 0
+    marks = np.uint16(0)
+    for a in range(i * _POOL, min((i + 1) * _POOL, height)):
+        for b in range(j * _POOL, min((j + 1) * _POOL, width)):
+            word = finer[a * width + b]
+            free += word & _FREE
+            marks |= word & (_OCCUPIED | _VISITED)
+    return marks | free // (_POOL * _POOL)
 
 
 @njit(cache=True, error_model="numpy")
@@ -57,14 +99,17 @@ def _pool_blocks(finer, height, width, window, level):
     level_width = (width + _POOL - 1) // _POOL
     for i in range(window.row // _POOL, (window.row + window.height - 1) // _POOL + 1):
         for j in range(window.col // _POOL, (window.col + window.width - 1) // _POOL + 1):
-            free = 0
-            marks = np.uint16(0)
-            for a in range(i * _POOL, min((i + 1) * _POOL, height)):
-                for b in range(j * _POOL, min((j + 1) * _POOL, width)):
-                    word = finer[a * width + b]
-                    free += word & _FREE
-                    marks |= word & (_OCCUPIED | _VISITED)
-            level[i * level_width + j] = marks | free // (_POOL * _POOL)
+            level[i * level_width + j] = _pool_block(finer, height, width, i, j)
+
+
+@njit(cache=True, error_model="numpy")
+def _pool_blocks_at(finer, height, width, cells, block, level):
+    level_width, last_i, last_j = (width + _POOL - 1) // _POOL, -1, -1
+    for k in range(cells.shape[0]):
+        i, j = cells[k, 0] // block, cells[k, 1] // block
+        if i != last_i or j != last_j:
+            level[i * level_width + j] = _pool_block(finer, height, width, i, j)
+        last_i, last_j = i, j
 
 
 @njit(cache=True, error_model="numpy")
@@ -107,19 +152,24 @@ class Level:
         """
         self.block, self.finer = block, finer
         self.is_stale = True
-        self.pending = NO_WINDOW
 
     def rebuild(self, data: np.ndarray) -> None:
         self.height, self.width = (math.ceil(size / self.block) for size in data.shape)
         self.words = np.zeros(self.height * self.width + 1, dtype=np.uint16)
         self.update(data, Window(0, 0, *data.shape))
 
-    def update(self, data: np.ndarray, window: Window) -> None:
-        if self.finer is None:
+    def update(self, data: np.ndarray, window: Window, cells: np.ndarray | None = None) -> None:
+        """Update the blocks of changed map cells, shape (n, 2), int32; by default, of all cells of `window`."""
+        if self.finer is not None:
+            finer = self.finer.words, self.finer.height, self.finer.width
+            if cells is None:
+                _pool_blocks(*finer, window.blocks(self.finer.block), self.words)
+            else:
+                _pool_blocks_at(*finer, cells, self.block, self.words)
+        elif cells is None:
             pool_cells(data, window, self.block, self.words)
         else:
-            finer = self.finer
-            _pool_blocks(finer.words, finer.height, finer.width, window.blocks(finer.block), self.words)
+            pool_at(data, cells, self.block, self.words)
 
     def mark(self, col: float, row: float) -> None:
         """Mark the level's block at map cell (`col`, `row`) as visited by the robot."""
@@ -133,7 +183,9 @@ class MapPyramid:
 
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
         self.grid, self._data, self._trails = grid, grid.data, trails
-        self._levels: dict[int, Level] = {}
+        self._levels: dict[int, Level] = {}  # finer ones first
+        self._window = NO_WINDOW  # changed since `_refresh`
+        self._cells: list[np.ndarray] | None = []  # changed since `_refresh`; None if too many
 
     def update(self, update: MapUpdate) -> None:
         data = self.grid.data
@@ -142,8 +194,13 @@ class MapPyramid:
             for level in self._levels.values():
                 level.is_stale = True
         elif update.window is not None:
-            for level in self._levels.values():
-                level.pending = update.window.union(level.pending)
+            self._window = update.window.union(self._window)
+            if update.changed_cells is None or self._cells is None or update.origin != self.grid.origin:
+                self._cells = None
+                return
+            self._cells += [update.new_cells, update.changed_cells]
+            if CELLS_PER_CHANGE * sum(map(len, self._cells)) > self._window.height * self._window.width:
+                self._cells = None
 
     def mark(self, x: float, y: float) -> None:
         col, row = self._in_cells(x, y)
@@ -165,7 +222,7 @@ class MapPyramid:
     def level(self, pixel: float) -> Level:
         """Return the up-to-date pyramid level whose block side is nearest to `pixel` [m]."""
         level = self._level(2 ** max(round(math.log2(pixel / self.grid.resolution)), 0))
-        self._refresh(level)
+        self._refresh()
         return level
 
     def _level(self, block: int) -> Level:
@@ -174,17 +231,19 @@ class MapPyramid:
             self._levels[block] = Level(block, finer)
         return self._levels[block]
 
-    def _refresh(self, level: Level) -> None:
-        if level.finer is not None:
-            self._refresh(level.finer)
-        if level.is_stale:
-            level.rebuild(self.grid.data)
-            for trail in self._trails:
-                for x, y in trail.positions.tolist():
-                    level.mark(*self._in_cells(x, y))
-        elif not level.pending.is_empty:
-            level.update(self.grid.data, level.pending)
-        level.is_stale, level.pending = False, NO_WINDOW
+    def _refresh(self) -> None:
+        data, window = self.grid.data, self._window
+        cells = np.concatenate(self._cells) if self._cells else None
+        for level in self._levels.values():
+            if level.is_stale:
+                level.rebuild(data)
+                for trail in self._trails:
+                    for x, y in trail.positions.tolist():
+                        level.mark(*self._in_cells(x, y))
+            elif not window.is_empty:
+                level.update(data, window, cells)
+            level.is_stale = False
+        self._window, self._cells = NO_WINDOW, []
 
     def _in_cells(self, x: float, y: float) -> tuple[float, float]:
         grid, (left, low) = self.grid, self.grid.origin

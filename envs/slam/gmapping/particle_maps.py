@@ -163,7 +163,7 @@ class ParticleMaps(GrowingMap):
 
     def render(self, particle: int, is_switched: bool) -> MapUpdate:
         """Copy a particle's map to `grid`; return the changed cells, or all if `grid` showed another particle's map."""
-        data, new_cells, origin = self.grid.data, self._new_cells, self.grid.origin
+        data, new_cells, origin = self.grid.data, self._cells[0], self.grid.origin
         count, window = render_tiles(self.maps, particle, self._shown, self._shown_number, data, new_cells)
         self._shown_number = self._number
         if is_switched:
