@@ -73,7 +73,8 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells, ch
     row_0, col_0 = math.floor(lidar[1] * scale), math.floor(lidar[0] * scale)
     for is_hit in (True, False):
         change = model.hit if is_hit else model.passed
-        last_row, last_col = -1, -1
+        last_row, last_col, num_seen = -1, -1, num_changed
+        # Cells are listed before they are updated, because a branch for each crossing of a cell is slow.
         for k in range(ends.shape[0]):
             if math.isnan(ends[k, 0]) or (is_hit and not ends[k, 2] > 0.0):
                 continue
@@ -88,18 +89,21 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells, ch
             for _ in range(length + 1):
                 index = np.uint64(base + (side >> 32) * side_step)
                 word = flat[index]
-                if word & MAX_STAMP != stamp:
-                    is_new = word & MAX_STAMP == 0
-                    word = observe(word, change, model.bound, stamp)
-                    occupied = percent(word >> STAMP_BITS)
-                    if is_new:
-                        new_cells[num_new, 0] = index
-                        num_new += 1
-                    elif (occupied >= OCCUPIED_FROM) != (flat_occupancy[index] >= OCCUPIED_FROM):
-                        changed_cells[num_changed, 0] = index
-                        num_changed += 1
-                    flat[index], flat_occupancy[index] = word, occupied
+                changed_cells[num_seen, 0] = index
+                num_seen += word & MAX_STAMP != stamp
+                flat[index] = word & ~MAX_STAMP | stamp
                 base, side = base + step, side + slope
+        for k in range(num_changed, num_seen):
+            index = np.uint64(changed_cells[k, 0])
+            before, word = flat_occupancy[index], observe(flat[index], change, model.bound, stamp)
+            after = percent(word >> STAMP_BITS)
+            flat[index], flat_occupancy[index] = word, after
+            if before < 0:
+                new_cells[num_new, 0] = index
+                num_new += 1
+            elif (after >= OCCUPIED_FROM) != (before >= OCCUPIED_FROM):
+                changed_cells[num_changed, 0] = index
+                num_changed += 1
     return num_new, num_changed
 
 
