@@ -86,8 +86,8 @@ class GrowingMap:
         self.grid.data = np.pad(self.grid.data, margins, constant_values=UNKNOWN)
 
     def _updated(self, window: Window, counts: tuple[int, int]) -> MapUpdate:
-        new_cells, changed_cells = (cells[:count].copy() for cells, count in zip(self._cells, counts, strict=True))
-        return MapUpdate(new_cells, window, origin=self.grid.origin, changed_cells=changed_cells)
+        (new_cells, changed_cells), (num_new, num_changed), origin = self._cells, counts, self.grid.origin
+        return MapUpdate(new_cells[:num_new].copy(), window, False, origin, None, changed_cells[:num_changed].copy())
 
     def redrawn(self, correction: Correction | None = None) -> MapUpdate:
         """Return the update for a map with other content than before: all known cells."""
