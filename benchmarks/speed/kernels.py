@@ -11,7 +11,7 @@ from numba import njit
 
 from lidarnaut.benchmarks.speed.designs import benchmark_robot
 from lidarnaut.benchmarks.speed.halls import make_hall
-from lidarnaut.envs.estimation.map_pyramid import Level, crop_level, pool_at
+from lidarnaut.envs.estimation.map_pyramid import Level, crop_level, pool_cells
 from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.raycast import cast_rays
@@ -78,7 +78,7 @@ def make_kernels(num_bodies: int) -> dict[str, tuple[Callable[..., Any], *tuple[
         "cast_rays": (cast_rays, *sensor, lidar.beams, *obstacles, ranges),
         "match": (_match, grid_map.words, points, count, start, search_params(params), noise, trace, np.empty(3)),
         "integrate_scan": (integrate_scan, empty.words, empty.grid.data, noisy, tuple(pose), *over),
-        "pool_map": (pool_at, grid.data, changed, level.block, level.words),
+        "pool_map": (pool_cells, grid.data, changed, level.block, level.words),
         "crop": (crop_level, level.words, level.height, level.width, *where, crop),
         "advance": (advance, *driven, *obstacles),
     }

@@ -5,111 +5,67 @@ import math
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.estimation.belief import MapUpdate
+from lidarnaut.envs.estimation.belief import NO_CELLS, MapUpdate
 from lidarnaut.envs.estimation.trail import Trail
-from lidarnaut.envs.geometry import NO_WINDOW, OCCUPIED_FROM, OccupancyGrid, Window
+from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid, Window
 from lidarnaut.envs.geometry.lookup import load
 
 LARGEST_POOLED = 8
 """Pyramid blocks up to this side are computed from map cells, larger blocks from smaller blocks [cells]."""
-CELLS_PER_CHANGE = 16
-"""Changed cells are pooled one by one if the map rectangle around them has at least this many cells for each."""
 _POOL = 4
 _FREE = np.uint16(0xFF)
 _OCCUPIED = np.uint16(1 << 8)
 _VISITED = np.uint16(1 << 9)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def _counted(value):
-    return (np.uint16(1) if value >= 0 else np.uint16(0)) + (np.uint16(255) if value >= OCCUPIED_FROM else np.uint16(0))
-
-
 @njit(cache=True, error_model="numpy")
-def _add_columns(lines, sums):
-    for k in range(sums.shape[0]):
-        sums[k] = np.uint16(0)
-    for row in range(lines.shape[0]):
-        line = lines[row]
-        for k in range(line.shape[0]):
-            sums[k] += _counted(line[k])
+def pool_cells(data, cells, block, level):
+    """Compute the blocks of a pyramid level that contain changed map cells.
 
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _pooled(word, total, scale):
-    # Half a cell compensates rounding errors.
-    share = np.uint16((np.float32(np.uint16(255) * (total & _FREE)) + np.float32(0.5)) * scale)
-    return (word & _VISITED) | (_OCCUPIED if total >= _OCCUPIED else np.uint16(0)) | share
-
-
-@njit(cache=True, error_model="numpy")
-def pool_cells(data, window, block, level):
-    """Compute the blocks of a pyramid level inside a changed rectangle of the map.
-
-    `data`: occupancy [percent], shape (height, width), int8; `window`: changed rectangle; `block`: side of a block
-    [cells], a power of two up to `LARGEST_POOLED`; `level`: output, one uint16 per block: fraction of free cells times
-    255, and bits for occupied and visited.
-    """
-    level_width = (data.shape[1] + block - 1) // block
-    first, last = window.col // block, (window.col + window.width - 1) // block + 1
-    sums, scale = np.empty((last - first) * block, dtype=np.uint16), np.float32(1.0 / (block * block))
-    for i in range(window.row // block, (window.row + window.height - 1) // block + 1):
-        _add_columns(data[i * block : (i + 1) * block, first * block : last * block], sums)
-        words = level[i * level_width + first : i * level_width + last]
-        for k in range(words.shape[0]):
-            total = np.uint16(0)
-            for j in range(k * block, (k + 1) * block):
-                total += sums[j]
-            words[k] = _pooled(words[k], total, scale)
-
-
-@njit(cache=True, error_model="numpy")
-def pool_at(data, cells, block, level):
-    """Compute the blocks of a pyramid level that contain map cells (row, column), shape (n, 2), int32.
-
-    Other arguments as in `pool_cells`.
+    `data`: occupancy [percent], shape (height, width), int8; `cells`: rows and columns, shape (n, 2), int32; `block`:
+    side of a block [cells], a power of two up to `LARGEST_POOLED`; `level`: output, one uint16 per block: fraction of
+    free cells times 255, and bits for occupied and visited.
     """
     height, width = data.shape
-    level_width, scale, last_i, last_j = (width + block - 1) // block, np.float32(1.0 / (block * block)), -1, -1
+    level_width, last_i, last_j = (width + block - 1) // block, -1, -1
+    bits, scale = round(math.log2(block)), np.float32(1.0 / (block * block))
     for k in range(cells.shape[0]):
-        i, j = cells[k, 0] // block, cells[k, 1] // block
+        i, j = cells[k, 0] >> bits, cells[k, 1] >> bits
         if i != last_i or j != last_j:
-            total = np.uint16(0)
-            for a in range(i * block, min((i + 1) * block, height)):
-                for b in range(j * block, min((j + 1) * block, width)):
-                    total += _counted(data[a, b])
-            level[i * level_width + j] = _pooled(level[i * level_width + j], total, scale)
+            known = occupied = 0
+            for a in range(i << bits, min((i + 1) << bits, height)):
+                for b in range(j << bits, min((j + 1) << bits, width)):
+                    known += data[a, b] >= 0
+                    occupied += data[a, b] >= OCCUPIED_FROM
+            # Half a cell compensates rounding errors.
+            share = np.uint16((np.float32(255 * (known - occupied)) + np.float32(0.5)) * scale)
+            at = i * level_width + j
+            level[at] = (level[at] & _VISITED) | (_OCCUPIED if occupied > 0 else np.uint16(0)) | share
         last_i, last_j = i, j
 
 
 @njit(cache=True, error_model="numpy")
-def _pool_block(finer, height, width, i, j):
-    free = 0
-    marks = np.uint16(0)
-    for a in range(i * _POOL, min((i + 1) * _POOL, height)):
-        for b in range(j * _POOL, min((j + 1) * _POOL, width)):
-            word = finer[a * width + b]
-            free += word & _FREE
-            marks |= word & (_OCCUPIED | _VISITED)
-    return marks | free // (_POOL * _POOL)
-
-
-@njit(cache=True, error_model="numpy")
-def _pool_blocks(finer, height, width, window, level):
-    level_width = (width + _POOL - 1) // _POOL
-    for i in range(window.row // _POOL, (window.row + window.height - 1) // _POOL + 1):
-        for j in range(window.col // _POOL, (window.col + window.width - 1) // _POOL + 1):
-            level[i * level_width + j] = _pool_block(finer, height, width, i, j)
-
-
-@njit(cache=True, error_model="numpy")
-def _pool_blocks_at(finer, height, width, cells, block, level):
-    level_width, last_i, last_j = (width + _POOL - 1) // _POOL, -1, -1
+def _pool_blocks(finer, height, width, cells, block, level):
+    level_width, last_i, last_j, bits = (width + _POOL - 1) // _POOL, -1, -1, round(math.log2(block))
     for k in range(cells.shape[0]):
-        i, j = cells[k, 0] // block, cells[k, 1] // block
+        i, j = cells[k, 0] >> bits, cells[k, 1] >> bits
         if i != last_i or j != last_j:
-            level[i * level_width + j] = _pool_block(finer, height, width, i, j)
+            free = 0
+            marks = np.uint16(0)
+            for a in range(i * _POOL, min((i + 1) * _POOL, height)):
+                for b in range(j * _POOL, min((j + 1) * _POOL, width)):
+                    word = finer[a * width + b]
+                    free += word & _FREE
+                    marks |= word & (_OCCUPIED | _VISITED)
+            level[i * level_width + j] = marks | free // (_POOL * _POOL)
         last_i, last_j = i, j
+
+
+def corners(window: Window, block: int) -> np.ndarray:
+    """Return one cell (row, column) of each block of `block` x `block` cells in a rectangle, shape (n, 2), int32."""
+    sides = (window.row, window.height), (window.col, window.width)
+    lines = [np.arange(first - first % block, first + size, block, dtype=np.int32) for first, size in sides]
+    return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 @njit(cache=True, error_model="numpy")
@@ -156,20 +112,15 @@ class Level:
     def rebuild(self, data: np.ndarray) -> None:
         self.height, self.width = (math.ceil(size / self.block) for size in data.shape)
         self.words = np.zeros(self.height * self.width + 1, dtype=np.uint16)
-        self.update(data, Window(0, 0, *data.shape))
+        self.update(data, corners(Window(0, 0, *data.shape), self.block))
 
-    def update(self, data: np.ndarray, window: Window, cells: np.ndarray | None = None) -> None:
-        """Update the blocks of changed map cells, shape (n, 2), int32; by default, of all cells of `window`."""
-        if self.finer is not None:
-            finer = self.finer.words, self.finer.height, self.finer.width
-            if cells is None:
-                _pool_blocks(*finer, window.blocks(self.finer.block), self.words)
-            else:
-                _pool_blocks_at(*finer, cells, self.block, self.words)
-        elif cells is None:
-            pool_cells(data, window, self.block, self.words)
+    def update(self, data: np.ndarray, cells: np.ndarray) -> None:
+        """Update the blocks of changed map cells (row, column), shape (n, 2), int32."""
+        if self.finer is None:
+            pool_cells(data, cells, self.block, self.words)
         else:
-            pool_at(data, cells, self.block, self.words)
+            finer = self.finer
+            _pool_blocks(finer.words, finer.height, finer.width, cells, self.block, self.words)
 
     def mark(self, col: float, row: float) -> None:
         """Mark the level's block at map cell (`col`, `row`) as visited by the robot."""
@@ -184,23 +135,19 @@ class MapPyramid:
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
         self.grid, self._data, self._trails = grid, grid.data, trails
         self._levels: dict[int, Level] = {}  # finer ones first
-        self._window = NO_WINDOW  # changed since `_refresh`
-        self._cells: list[np.ndarray] | None = []  # changed since `_refresh`; None if too many
+        self._changed: list[np.ndarray] = []  # cells since the last crop
 
     def update(self, update: MapUpdate) -> None:
-        data = self.grid.data
+        data, changed_cells = self.grid.data, update.changed_cells
         if update.redrawn or data is not self._data:
-            self._data = data
+            self._data, self._changed = data, []
             for level in self._levels.values():
                 level.is_stale = True
-        elif update.window is not None:
-            self._window = update.window.union(self._window)
-            if update.changed_cells is None or self._cells is None or update.origin != self.grid.origin:
-                self._cells = None
-                return
-            self._cells += [update.new_cells, update.changed_cells]
-            if CELLS_PER_CHANGE * sum(map(len, self._cells)) > self._window.height * self._window.width:
-                self._cells = None
+        elif update.window is not None and self._levels:
+            if changed_cells is None or update.origin != self.grid.origin:
+                self._changed.append(corners(update.window, min(self._levels)))
+            else:
+                self._changed += [update.new_cells, changed_cells]
 
     def mark(self, x: float, y: float) -> None:
         col, row = self._in_cells(x, y)
@@ -232,18 +179,17 @@ class MapPyramid:
         return self._levels[block]
 
     def _refresh(self) -> None:
-        data, window = self.grid.data, self._window
-        cells = np.concatenate(self._cells) if self._cells else None
+        cells = np.concatenate(self._changed) if self._changed else NO_CELLS
         for level in self._levels.values():
             if level.is_stale:
-                level.rebuild(data)
+                level.rebuild(self.grid.data)
                 for trail in self._trails:
                     for x, y in trail.positions.tolist():
                         level.mark(*self._in_cells(x, y))
-            elif not window.is_empty:
-                level.update(data, window, cells)
-            level.is_stale = False
-        self._window, self._cells = NO_WINDOW, []
+                level.is_stale = False
+            elif len(cells):
+                level.update(self.grid.data, cells)
+        self._changed = []
 
     def _in_cells(self, x: float, y: float) -> tuple[float, float]:
         grid, (left, low) = self.grid, self.grid.origin

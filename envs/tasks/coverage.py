@@ -60,25 +60,23 @@ def sees(scan, x, y, tolerance):
     """Return True if a beam passes or ends within `tolerance` [m] of the point (x, y), world frame."""
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
-    if distance > scan.range_max + tolerance:
-        return False
-    if distance <= tolerance:
-        return True
+    if distance <= tolerance or distance > scan.range_max + tolerance:
+        return distance <= tolerance
     turn, ratio, per_radian = 2.0 * math.pi, tolerance / distance, 1.0 / scan.increment
     # upper bound of the arc sine
     spread = 1.05 * ratio if ratio < 0.5 else math.asin(ratio)
     is_dense = distance * scan.increment <= 2.0 * tolerance
     # The approximate bearing decides for most points.
     bearing = polar(dx, dy) - scan.theta
-    bearing -= turn * math.floor(bearing / turn)
+    bearing -= turn * math.floor(bearing / turn)  # faster than %
     if POLAR_MARGIN < bearing < turn - POLAR_MARGIN:
         low, high = (bearing - POLAR_MARGIN) * per_radian, (bearing + POLAR_MARGIN) * per_radian
         nearest = int(low)
         is_sure = is_dense and nearest == int(high) and nearest < scan.ranges.shape[0]
         if is_sure and scan.ranges[nearest] + tolerance >= distance:
             return True
-        reach = spread * per_radian
-        if not _reaches(scan, math.floor(low - reach), math.ceil(high + reach), distance, tolerance):
+        first, last = low - spread * per_radian, high + spread * per_radian
+        if not _reaches(scan, math.floor(first), math.ceil(last), distance, tolerance):
             return False
     bearing = (math.atan2(dy, dx) - scan.theta) % turn
     first, last = (bearing - spread) / scan.increment, (bearing + spread) / scan.increment

@@ -122,7 +122,6 @@ def count_crossings(field, ranges, geometry, pose):
         dy = s * geometry.directions[0, k] + c * geometry.directions[1, k]
         count = math.floor((min(float(ranges[k]), geometry.range_max) - GRAZING_LENGTH) / side)
         end_x, end_y, known = x + count * dx, y + count * dy, 0
-        # No test of the cells of beams that begin and end inside.
         is_inside = min(x, end_x) >= 0.0 and max(x, end_x) < width and min(y, end_y) >= 0.0 and max(y, end_y) < height
         for step in range(1, count + 1):
             u, v = x + step * dx, y + step * dy
