@@ -49,6 +49,8 @@ FAULTS = {
     "window of floats": (updating(window=Window(0, 0.0, 4, 4)), "window"),
     "cell beyond": (updating(FAR), r"new_cells .* the grid has \d+ rows and \d+ columns"),
     "cell before": (updating(-CELLS), "new_cells"),
+    "changed cell beyond": (updating(changed_cells=FAR), r"changed_cells .* the grid has \d+ rows"),
+    "changed cells of floats": (updating(changed_cells=CELLS / 2), "changed_cells .* integers"),
     "cells elsewhere": (updating(origin=(90.0, 0.0)), "new_cells"),
     "cells of floats": (updating(CELLS.astype(float)), r"new_cells .* integers.*3\."),
     "cells in columns": (updating(np.vstack([CELLS, CELLS]).T), r"new_cells .* shape \(k, 2\)"),

@@ -13,7 +13,7 @@ from lidarnaut.benchmarks.speed.designs import benchmark_robot
 from lidarnaut.benchmarks.speed.halls import make_hall
 from lidarnaut.envs.estimation.map_pyramid import Level, crop_level, pool_cells
 from lidarnaut.envs.estimation.scan_points import project_hits
-from lidarnaut.envs.geometry import Pose2D, Window
+from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.observations import NEAR_PIXEL
 from lidarnaut.envs.simulation.kinematic import advance
@@ -60,18 +60,17 @@ def make_kernels(num_bodies: int) -> dict[str, tuple[Callable[..., Any], *tuple[
         sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
         cast_rays(*sensor, lidar.beams, *obstacles, ranges)
         noisy = ranges + rng.normal(0.0, lidar.noise_std, ranges.shape).astype(np.float32)
-        grid_map.integrate(noisy, pose, params.quality)
+        update = grid_map.integrate(noisy, pose, params.quality)
     start = *grid_map.to_cells(pose.x + 0.01, pose.y), pose.theta + 0.01
     points = np.empty((2, len(noisy)), dtype=np.float32)
     count = project_hits(noisy, grid_map.geometry, points)
     noise, trace = np.random.default_rng(0).standard_normal((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
-    room = np.empty((lidar.num_beams, 3)), np.empty((empty.words.size, 2), dtype=np.int32)
+    room = np.empty((lidar.num_beams, 3)), *np.empty((2, empty.words.size, 2), dtype=np.int32)
     over = empty.geometry, empty.corner, empty.model, params.quality, *room
     grid = grid_map.grid
     level, crop = Level(round(NEAR_PIXEL / grid.resolution), None), np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)
     level.rebuild(grid.data)
-    rows, cols = np.nonzero(grid.data >= 0)
-    window = Window.spanning((int(rows.min()), int(cols.min())), (int(rows.max()), int(cols.max())))
+    changed: Any = np.concatenate([update.new_cells, update.changed_cells])
     side = level.block * grid.resolution
     where = (pose.x - grid.origin[0]) / side, (pose.y - grid.origin[1]) / side, pose.theta, NEAR_PIXEL / side
     driven = np.zeros(STATE_SIZE), (0.1, 1.0), (0.3, -0.2), robot_record(robot, PERIOD)
@@ -79,7 +78,7 @@ def make_kernels(num_bodies: int) -> dict[str, tuple[Callable[..., Any], *tuple[
         "cast_rays": (cast_rays, *sensor, lidar.beams, *obstacles, ranges),
         "match": (_match, grid_map.words, points, count, start, search_params(params), noise, trace, np.empty(3)),
         "integrate_scan": (integrate_scan, empty.words, empty.grid.data, noisy, tuple(pose), *over),
-        "pool_map": (pool_cells, grid.data, window, level.block, level.words),
+        "pool_map": (pool_cells, grid.data, changed, level.block, level.words),
         "crop": (crop_level, level.words, level.height, level.width, *where, crop),
         "advance": (advance, *driven, *obstacles),
     }

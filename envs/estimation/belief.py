@@ -48,6 +48,9 @@ class MapUpdate(NamedTuple):
     """Position (x, y) of the corner of cell (0, 0) at the update, map frame [m]."""
     correction: Correction | None = None
     """Displacement of map points if the whole map was recomputed; None if unknown."""
+    changed_cells: np.ndarray | None = None
+    """Known map cells that became occupied or free, also repeatedly, as (row, column): shape (k, 2), int32; None if all
+    known cells of `window` may have changed."""
 
 
 NO_UPDATE = MapUpdate(NO_CELLS, None)
@@ -170,7 +173,7 @@ def _fault_of(belief: Any, grid: Any, old_data: Any, old_shape: Any) -> str:
     if not isinstance(belief, Belief):
         return f"it must return a Belief, got {belief!r}"
     data, start, path = belief.grid.data, belief.grid.origin, () if belief.path is None else belief.path
-    cells, window, _, origin, _ = belief.update
+    cells, window, _, origin, _, changed_cells = belief.update
     if (grid is not None and belief.grid is not grid) or (data is old_data and data.shape != old_shape):
         return "grid must stay the same OccupancyGrid during an episode; replace its data to change the shape"
     if data.ndim != 2 or data.dtype != np.int8:
@@ -182,12 +185,13 @@ def _fault_of(belief: Any, grid: Any, old_data: Any, old_shape: Any) -> str:
     is_inside = 0 <= row < row + rows <= data.shape[0] and 0 <= col < col + cols <= data.shape[1]
     if sides.dtype.kind not in "iu" or not is_inside:
         return f"update.window must lie inside the grid, got {window}; {size}"
-    if not (isinstance(cells, np.ndarray) and cells.dtype.kind in "iu" and cells.ndim == 2 and cells.shape[1] == 2):
-        return f"new_cells must be an array of integers, shape (k, 2), got {SHORT.repr(cells)}"
-    for axis in (0, 1) if len(cells) else ():
-        # The minimum along axis 0 is twenty times as slow.
-        first = round((origin[1 - axis] - start[1 - axis]) / belief.grid.resolution)
-        least, most = first + int(cells[:, axis].min()), first + int(cells[:, axis].max())
-        if least < 0 or most >= data.shape[axis]:
-            return f"new_cells lie in {('rows', 'columns')[axis]} {least} to {most}; {size}"
+    for name, each in (("new_cells", cells), ("changed_cells", NO_CELLS if changed_cells is None else changed_cells)):
+        if not (isinstance(each, np.ndarray) and each.dtype.kind in "iu" and each.ndim == 2 and each.shape[1] == 2):
+            return f"{name} must be an array of integers, shape (k, 2), got {SHORT.repr(each)}"
+        for axis in (0, 1) if len(each) else ():
+            # The minimum along axis 0 is twenty times as slow.
+            first = round((origin[1 - axis] - start[1 - axis]) / belief.grid.resolution)
+            least, most = first + int(each[:, axis].min()), first + int(each[:, axis].max())
+            if least < 0 or most >= data.shape[axis]:
+                return f"{name} lie in {('rows', 'columns')[axis]} {least} to {most}; {size}"
     return ""

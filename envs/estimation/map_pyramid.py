@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from lidarnaut.envs.compilation import njit
-from lidarnaut.envs.estimation.belief import MapUpdate
+from lidarnaut.envs.estimation.belief import NO_CELLS, MapUpdate
 from lidarnaut.envs.estimation.trail import Trail
-from lidarnaut.envs.geometry import NO_WINDOW, OCCUPIED_FROM, OccupancyGrid, Window
+from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid, Window
 from lidarnaut.envs.geometry.lookup import load
 
 LARGEST_POOLED = 8
@@ -19,44 +19,37 @@ _VISITED = np.uint16(1 << 9)
 
 
 @njit(cache=True, error_model="numpy")
-def _add_columns(lines, sums):
-    for k in range(sums.shape[0]):
-        sums[k] = np.uint16(0)
-    for row in range(lines.shape[0]):
-        line = lines[row]
-        for k in range(line.shape[0]):
-            known = np.uint16(1) if line[k] >= 0 else np.uint16(0)
-            sums[k] += known + (np.uint16(255) if line[k] >= OCCUPIED_FROM else np.uint16(0))
+def pool_cells(data, cells, block, level):
+    """Compute the blocks of a pyramid level that contain changed map cells.
 
-
-@njit(cache=True, error_model="numpy")
-def pool_cells(data, window, block, level):
-    """Compute the blocks of a pyramid level inside a changed rectangle of the map.
-
-    `data`: occupancy [percent], shape (height, width), int8; `window`: changed rectangle; `block`: side of a block
-    [cells], a power of two up to `LARGEST_POOLED`; `level`: output, one uint16 per block: fraction of free cells times
-    255, and bits for occupied and visited.
+    `data`: occupancy [percent], shape (height, width), int8; `cells`: rows and columns, shape (n, 2), int32; `block`:
+    side of a block [cells], a power of two up to `LARGEST_POOLED`; `level`: output, one uint16 per block: fraction of
+    free cells times 255, and bits for occupied and visited.
     """
-    level_width = (data.shape[1] + block - 1) // block
-    first, last = window.col // block, (window.col + window.width - 1) // block + 1
-    sums, scale = np.empty((last - first) * block, dtype=np.uint16), np.float32(1.0 / (block * block))
-    for i in range(window.row // block, (window.row + window.height - 1) // block + 1):
-        _add_columns(data[i * block : (i + 1) * block, first * block : last * block], sums)
-        words = level[i * level_width + first : i * level_width + last]
-        for k in range(words.shape[0]):
-            total = np.uint16(0)
-            for j in range(k * block, (k + 1) * block):
-                total += sums[j]
+    height, width = data.shape
+    level_width, last_i, last_j = (width + block - 1) // block, -1, -1
+    bits, scale = round(math.log2(block)), np.float32(1.0 / (block * block))
+    for k in range(cells.shape[0]):
+        i, j = cells[k, 0] >> bits, cells[k, 1] >> bits
+        if i != last_i or j != last_j:
+            known = occupied = 0
+            for a in range(i << bits, min((i + 1) << bits, height)):
+                for b in range(j << bits, min((j + 1) << bits, width)):
+                    known += data[a, b] >= 0
+                    occupied += data[a, b] >= OCCUPIED_FROM
             # Half a cell compensates rounding errors.
-            share = np.uint16((np.float32(np.uint16(255) * (total & _FREE)) + np.float32(0.5)) * scale)
-            words[k] = (words[k] & _VISITED) | (_OCCUPIED if total >= _OCCUPIED else np.uint16(0)) | share
+            share = np.uint16((np.float32(255 * (known - occupied)) + np.float32(0.5)) * scale)
+            at = i * level_width + j
+            level[at] = (level[at] & _VISITED) | (_OCCUPIED if occupied > 0 else np.uint16(0)) | share
+        last_i, last_j = i, j
 
 
 @njit(cache=True, error_model="numpy")
-def _pool_blocks(finer, height, width, window, level):
-    level_width = (width + _POOL - 1) // _POOL
-    for i in range(window.row // _POOL, (window.row + window.height - 1) // _POOL + 1):
-        for j in range(window.col // _POOL, (window.col + window.width - 1) // _POOL + 1):
+def _pool_blocks(finer, height, width, cells, block, level):
+    level_width, last_i, last_j, bits = (width + _POOL - 1) // _POOL, -1, -1, round(math.log2(block))
+    for k in range(cells.shape[0]):
+        i, j = cells[k, 0] >> bits, cells[k, 1] >> bits
+        if i != last_i or j != last_j:
             free = 0
             marks = np.uint16(0)
             for a in range(i * _POOL, min((i + 1) * _POOL, height)):
@@ -65,6 +58,14 @@ def _pool_blocks(finer, height, width, window, level):
                     free += word & _FREE
                     marks |= word & (_OCCUPIED | _VISITED)
             level[i * level_width + j] = marks | free // (_POOL * _POOL)
+        last_i, last_j = i, j
+
+
+def corners(window: Window, block: int) -> np.ndarray:
+    """Return one cell (row, column) of each block of `block` x `block` cells in a rectangle, shape (n, 2), int32."""
+    sides = (window.row, window.height), (window.col, window.width)
+    lines = [np.arange(first - first % block, first + size, block, dtype=np.int32) for first, size in sides]
+    return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 @njit(cache=True, error_model="numpy")
@@ -107,19 +108,19 @@ class Level:
         """
         self.block, self.finer = block, finer
         self.is_stale = True
-        self.pending = NO_WINDOW
 
     def rebuild(self, data: np.ndarray) -> None:
         self.height, self.width = (math.ceil(size / self.block) for size in data.shape)
         self.words = np.zeros(self.height * self.width + 1, dtype=np.uint16)
-        self.update(data, Window(0, 0, *data.shape))
+        self.update(data, corners(Window(0, 0, *data.shape), self.block))
 
-    def update(self, data: np.ndarray, window: Window) -> None:
+    def update(self, data: np.ndarray, cells: np.ndarray) -> None:
+        """Update the blocks of changed map cells (row, column), shape (n, 2), int32."""
         if self.finer is None:
-            pool_cells(data, window, self.block, self.words)
+            pool_cells(data, cells, self.block, self.words)
         else:
             finer = self.finer
-            _pool_blocks(finer.words, finer.height, finer.width, window.blocks(finer.block), self.words)
+            _pool_blocks(finer.words, finer.height, finer.width, cells, self.block, self.words)
 
     def mark(self, col: float, row: float) -> None:
         """Mark the level's block at map cell (`col`, `row`) as visited by the robot."""
@@ -133,19 +134,22 @@ class MapPyramid:
 
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
         self.grid, self._data, self._trails = grid, grid.data, trails
-        self._levels: dict[int, Level] = {}
+        self._levels: dict[int, Level] = {}  # finer ones first
+        self._changed: list[np.ndarray] = []  # cells since the last crop
         self.revision = object()
         """Object that stands for the contents of the map, and is replaced by `update`."""
 
     def update(self, update: MapUpdate) -> None:
-        data, self.revision = self.grid.data, object()
+        data, changed_cells, self.revision = self.grid.data, update.changed_cells, object()
         if update.redrawn or data is not self._data:
-            self._data = data
+            self._data, self._changed = data, []
             for level in self._levels.values():
                 level.is_stale = True
-        elif update.window is not None:
-            for level in self._levels.values():
-                level.pending = update.window.union(level.pending)
+        elif update.window is not None and self._levels:
+            if changed_cells is None or update.origin != self.grid.origin:
+                self._changed.append(corners(update.window, min(self._levels)))
+            else:
+                self._changed += [update.new_cells, changed_cells]
 
     def mark(self, x: float, y: float) -> None:
         col, row = self._in_cells(x, y)
@@ -156,7 +160,7 @@ class MapPyramid:
     def level(self, pixel: float) -> Level:
         """Return the up-to-date pyramid level whose block side is nearest to `pixel` [m]."""
         level = self._level(2 ** max(round(math.log2(pixel / self.grid.resolution)), 0))
-        self._refresh(level)
+        self._refresh()
         return level
 
     def _level(self, block: int) -> Level:
@@ -165,17 +169,18 @@ class MapPyramid:
             self._levels[block] = Level(block, finer)
         return self._levels[block]
 
-    def _refresh(self, level: Level) -> None:
-        if level.finer is not None:
-            self._refresh(level.finer)
-        if level.is_stale:
-            level.rebuild(self.grid.data)
-            for trail in self._trails:
-                for x, y in trail.positions.tolist():
-                    level.mark(*self._in_cells(x, y))
-        elif not level.pending.is_empty:
-            level.update(self.grid.data, level.pending)
-        level.is_stale, level.pending = False, NO_WINDOW
+    def _refresh(self) -> None:
+        cells = np.concatenate(self._changed) if self._changed else NO_CELLS
+        for level in self._levels.values():
+            if level.is_stale:
+                level.rebuild(self.grid.data)
+                for trail in self._trails:
+                    for x, y in trail.positions.tolist():
+                        level.mark(*self._in_cells(x, y))
+                level.is_stale = False
+            elif len(cells):
+                level.update(self.grid.data, cells)
+        self._changed = []
 
     def _in_cells(self, x: float, y: float) -> tuple[float, float]:
         grid, (left, low) = self.grid, self.grid.origin

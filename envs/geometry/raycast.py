@@ -25,7 +25,7 @@ class Beams(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _polar(x: float, y: float) -> float:
+def polar(x: float, y: float) -> float:
     """Return the polar angle of the vector (x, y) in [0, 2 pi), with an error below 2e-5 rad.
 
     Polynomial of Hastings (Abramowitz and Stegun 4.4.49).
@@ -68,7 +68,7 @@ def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
         nx, ny = ax + nearest * ex, ay + nearest * ey
         distance2 = nx * nx + ny * ny
         counter_clockwise = ax * by - ay * bx >= 0.0
-        angle_a, angle_b = _polar(ax, ay), _polar(bx, by)
+        angle_a, angle_b = polar(ax, ay), polar(bx, by)
         start = (angle_a if counter_clockwise else angle_b) - _ANGLE_PADDING
         sweep = (angle_b - angle_a if counter_clockwise else angle_a - angle_b) + 2.0 * _ANGLE_PADDING
         start = start + turn if start < 0.0 else start
@@ -152,7 +152,7 @@ def cast_rays(x, y, heading, beams, segments, circles, out):
             _hit_circle(0, num_beams, (cx, cy, radius), cosines, sines, out)
             continue
         half = math.asin(radius / distance) + _ANGLE_PADDING
-        start = _polar(cx, cy) - half
+        start = polar(cx, cy) - half
         start = start + turn if start < 0.0 else start
         last_beam = (start + 2.0 * half) / increment
         low, high = math.ceil(start / increment), min(int(last_beam) + 1, num_beams)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -121,8 +121,10 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
     """Store each robot's scan; write its recent scans to `out`, shape (n, len(lags) * num_sectors), float32.
 
     `memory`: stored control periods of each robot: odometry motion, and minimum range per sector (group of beams).
-    `lags`: ages of the written scans, increasing [control periods]. `active`: robots to write (mask).
+    `lags`: ages of the written scans, increasing [control periods]. `active`: robots to write (mask). `sectors`: fields
+    of `Sectors`.
     """
+    sectors = Sectors(*sectors)
     count = sectors.directions.shape[1]
     seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)
     near, radius = np.float32(NEARNESS), np.float32(sectors.radius)
@@ -174,7 +176,7 @@ class ScanHistory(RowPart):
             raise ValueError(f"scan_history needs a positive number of sectors, got {num_sectors!r}")
         self._ages, self._num_sectors, self._compensates = tuple(map(float, ages)), int(num_sectors), bool(compensate)
         self._memory = "scan_history", self._ages, self._num_sectors
-        self._shown: tuple[np.ndarray, Sectors, bool]
+        self._shown: tuple[np.ndarray, tuple[Any, ...], bool]
 
     def space(self, robot: RobotParams) -> spaces.Box:
         if self._num_sectors > robot.lidar.num_beams:
@@ -187,7 +189,7 @@ class ScanHistory(RowPart):
         if lags[-1] > MAX_LAG:
             raise ValueError(f"lags of scan_history must be at most {MAX_LAG} control periods, got {self._ages} s")
         sectors, size = Sectors.of(robot.params, self._num_sectors), MOTION + self._num_sectors
-        self._shown = lags, sectors, self._compensates
+        self._shown = lags, tuple(sectors), self._compensates  # Numba takes longer to recognise named tuples
         ring = robot.remember(self._memory, (lags[-1] + 1) * size, np.float32).reshape(-1, size)
         ring[0, :MOTION] = 0.0
         pool_scan(robot.ranges, sectors.beams, ring[0, MOTION:])

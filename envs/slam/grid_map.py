@@ -11,10 +11,10 @@ import numpy as np
 
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import MapUpdate
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import OCCUPIED_FROM, Pose2D
 from lidarnaut.envs.robots import LidarParams
 
-from .growing_map import GrowingMap
+from .growing_map import GrowingMap, to_rows_and_columns
 from .scans import SIDE_START, beam_ends, walk
 from .slam_params import TinySlamParams
 
@@ -78,19 +78,21 @@ def smaller_part(offset, c, s):
 
 
 @njit(cache=True, error_model="numpy")
-def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells):
-    """Insert a scan into an occupancy grid; return the number of cells observed for the first time.
+def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells, changed_cells):
+    """Insert a scan into an occupancy grid; return the numbers of new and of changed cells.
 
     Cells along a beam are observed as free, and the endpoint of a return as occupied, with a gradual rise before it.
     `words`: packed cells, shape (height, width), int32. `occupancy`: same shape, int8 [percent]. `quality`: weight of
-    the scan from 0 to 1. `new_cells` receives row and column, shape (n, 2), int32. Scan arguments as in `beam_ends`.
+    the scan from 0 to 1. `new_cells` receives row and column of cells observed for the first time, `changed_cells` of
+    cells that became occupied or free, possibly several times: shape (n, 2), int32. Scan arguments as in `beam_ends`.
     """
     (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
     width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
-    num_new = 0
+    num_new = num_changed = 0
     row_0, col_0 = math.floor(y), math.floor(x)
     passed, occupied = _weighted(model.empty_prob, quality), _weighted(model.occupied_prob, quality)
+    is_plain, settled = not (model.uses_area or model.is_base), passed << COUNT_BITS
     for k in range(ends.shape[0]):
         if math.isnan(ends[k, 0]):
             continue
@@ -109,6 +111,11 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
             hit_prob = 1.0 - part if ahead > 0.0 else part
         for step_number in range(length + 1):
             index = np.uint64(base + (side >> 32) * side_step)
+            base, side = base + step, side + slope
+            word = flat[index]
+            if is_plain and step_number < first_special and 0 < word - settled <= MAX_COUNT:
+                flat[index] = min(word + 1, settled + MAX_COUNT)  # the mean of free observations stays
+                continue
             target, prob, weight = passed, model.empty_prob, quality
             if step_number >= first_special:
                 square = (int(index) // width - row_1) ** 2 + (int(index) % width - col_1) ** 2
@@ -118,10 +125,7 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
                     ramp = hit_prob * (1.0 - square / (hole * hole))
                     prob = min(model.empty_prob + ramp, 1.0) if model.add_blur else ramp
                     target = _weighted(prob, quality)
-            word = flat[index]
-            if word & MAX_COUNT == 0:
-                new_cells[num_new, 0] = index
-                num_new += 1
+            is_new = word & MAX_COUNT == 0
             if model.uses_area:
                 row, col = int(index) // width, int(index) % width
                 if not (row == row_1 and col == col_1 and ends[k, 2] > 0.0):
@@ -133,13 +137,17 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
                 word = (value << COUNT_BITS) | min((word & MAX_COUNT) + 1, MAX_COUNT)
             else:
                 word = observe(word, target)
-            flat[index] = word
-            flat_occupancy[index] = ((word >> COUNT_BITS) * 100 + FULL_OCCUPANCY // 2) >> 18
-            base, side = base + step, side + slope
-    for k in range(num_new):
-        index = new_cells[k, 0]
-        new_cells[k, 0], new_cells[k, 1] = index // width, index % width
-    return num_new
+            percent = ((word >> COUNT_BITS) * 100 + FULL_OCCUPANCY // 2) >> 18
+            if is_new:
+                new_cells[num_new, 0] = index
+                num_new += 1
+            elif (percent >= OCCUPIED_FROM) != (flat_occupancy[index] >= OCCUPIED_FROM):
+                changed_cells[num_changed, 0] = index
+                num_changed += 1
+            flat[index], flat_occupancy[index] = word, percent
+    to_rows_and_columns(new_cells[:num_new], width)
+    to_rows_and_columns(changed_cells[:num_changed], width)
+    return num_new, num_changed
 
 
 class GridMap(GrowingMap):
@@ -158,11 +166,10 @@ class GridMap(GrowingMap):
 
         `quality`: weight of the scan from 0 to 1.
         """
-        window, new_cells = self._make_room(ranges[None], np.array([pose])), self._new_cells
+        window, how = self._make_room(ranges[None], np.array([pose])), (self.model, float(quality))
         scan = (ranges, tuple(pose), self.geometry, self.corner)
-        how = (self.model, float(quality), self._ends, new_cells)
-        count = integrate_scan(self.words, self.grid.data, *scan, *how)
-        return MapUpdate(new_cells[:count].copy(), window, origin=self.grid.origin)
+        counts = integrate_scan(self.words, self.grid.data, *scan, *how, self._ends, *self._cells)
+        return self._updated(window, counts)
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
         super()._pad(margins)

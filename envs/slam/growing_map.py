@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import Correction, MapUpdate
 from lidarnaut.envs.estimation.scan_points import ScanGeometry
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Window
@@ -12,6 +13,14 @@ from .slam_params import SlamParams
 
 MAX_CELLS = 1 << 27
 """Maximum number of map cells, which limits memory if the pose estimate diverges."""
+
+
+@njit(cache=True, error_model="numpy")
+def to_rows_and_columns(cells, width):
+    """Replace flat indices in the first column of `cells`, shape (n, 2), by row and column; `width` of the grid."""
+    for k in range(cells.shape[0]):
+        index = cells[k, 0]
+        cells[k, 0], cells[k, 1] = index // width, index % width
 
 
 class GrowingMap:
@@ -38,7 +47,7 @@ class GrowingMap:
         self.grid = OccupancyGrid(cells, resolution, self._origin(resolution))
         # Untouched pages use no memory.
         most_cells = min(lidar.num_beams * (math.ceil(lidar.range_max / resolution) + 2), MAX_CELLS)
-        self._new_cells = np.empty((most_cells, 2), dtype=np.int32)
+        self._cells = np.empty((most_cells, 2), dtype=np.int32), np.empty((most_cells, 2), dtype=np.int32)
         self._ends = np.empty((lidar.num_beams, 3))
 
     def _origin(self, resolution: float) -> tuple[float, float]:
@@ -75,6 +84,10 @@ class GrowingMap:
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
         self.grid.data = np.pad(self.grid.data, margins, constant_values=UNKNOWN)
+
+    def _updated(self, window: Window, counts: tuple[int, int]) -> MapUpdate:
+        (new_cells, changed_cells), (num_new, num_changed), origin = self._cells, counts, self.grid.origin
+        return MapUpdate(new_cells[:num_new].copy(), window, False, origin, None, changed_cells[:num_changed].copy())
 
     def redrawn(self, correction: Correction | None = None) -> MapUpdate:
         """Return the update for a map with other content than before: all known cells."""

@@ -11,10 +11,10 @@ import numpy as np
 
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import MapUpdate
-from lidarnaut.envs.geometry import UNKNOWN, Pose2D, Window
+from lidarnaut.envs.geometry import OCCUPIED_FROM, UNKNOWN, Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
-from .growing_map import GrowingMap
+from .growing_map import GrowingMap, to_rows_and_columns
 from .matching.distributions import NUM_SUMS, SIDE, add_points
 from .scans import SIDE_START, beam_ends, walk
 from .slam_params import MatchingParams
@@ -62,18 +62,19 @@ def observe(word, change, bound, stamp):
 
 
 @njit(cache=True, error_model="numpy")
-def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
-    """Insert a scan into one map resolution; return the number of cells observed for the first time.
+def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells, changed_cells):
+    """Insert a scan into one map resolution; return the numbers of new and of changed cells.
 
     Passing beams do not change cells with beam endpoints.
     """
     width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
-    num_new = 0
+    num_new = num_changed = 0
     row_0, col_0 = math.floor(lidar[1] * scale), math.floor(lidar[0] * scale)
     for is_hit in (True, False):
         change = model.hit if is_hit else model.passed
-        last_row, last_col = -1, -1
+        last_row, last_col, num_seen = -1, -1, num_changed
+        # Cells are listed before they are updated, because a branch for each crossing of a cell is slow.
         for k in range(ends.shape[0]):
             if math.isnan(ends[k, 0]) or (is_hit and not ends[k, 2] > 0.0):
                 continue
@@ -88,36 +89,44 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
             for _ in range(length + 1):
                 index = np.uint64(base + (side >> 32) * side_step)
                 word = flat[index]
-                if word & MAX_STAMP != stamp:
-                    if word & MAX_STAMP == 0:
-                        new_cells[num_new, 0] = index
-                        num_new += 1
-                    word = observe(word, change, model.bound, stamp)
-                    flat[index], flat_occupancy[index] = word, percent(word >> STAMP_BITS)
+                changed_cells[num_seen, 0] = index
+                num_seen += word & MAX_STAMP != stamp
+                flat[index] = word & ~MAX_STAMP | stamp
                 base, side = base + step, side + slope
-    return num_new
+        for k in range(num_changed, num_seen):
+            index = np.uint64(changed_cells[k, 0])
+            before, word = flat_occupancy[index], observe(flat[index], change, model.bound, stamp)
+            after = percent(word >> STAMP_BITS)
+            flat[index], flat_occupancy[index] = word, after
+            if before < 0:
+                new_cells[num_new, 0] = index
+                num_new += 1
+            elif (after >= OCCUPIED_FROM) != (before >= OCCUPIED_FROM):
+                changed_cells[num_changed, 0] = index
+                num_changed += 1
+    return num_new, num_changed
 
 
 @njit(cache=True, error_model="numpy")
-def integrate_scans(words, levels, sums, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
-    """Insert scans into a map at all resolutions; return the number of cells first observed by the last scan.
+def integrate_scans(words, levels, sums, ranges, poses, geometry, corner, model, stamp, ends, cells):
+    """Insert scans into a map at all resolutions; return the numbers of new and of changed cells by the last scan.
 
     `words` (packed cells, int32) and `levels` (occupancies, int8 [percent]) are tuples of arrays, finest first. `sums`:
     see `add_points`. `ranges`: shape (n, num_beams), float32 [m]. `poses`: base poses, shape (n, 3), map frame [m, m,
-    rad]. `stamp`: number of the first scan, higher than in all cells. `new_cells` receives row and column of new finest
-    cells, shape (n, 2), int32. See `beam_ends`.
+    rad]. `stamp`: number of the first scan, higher than in all cells. `cells`: `new_cells` and `changed_cells` of the
+    finest level, see `grid_map.integrate_scan`. See `beam_ends`.
     """
-    num_new, width = 0, words[0].shape[1]
+    num_new, num_changed, width = 0, 0, words[0].shape[1]
     for i in range(ranges.shape[0]):
         lidar, _ = beam_ends(ranges[i], poses[i], geometry, corner, ends)
         add_points(sums, ends)
-        # The finest level comes last, because its new cells are returned.
+        # The finest level comes last, because its cells are returned.
         for k in range(len(words) - 1, -1, -1):
-            num_new = _integrate(words[k], levels[k], 0.5**k, lidar, ends, model, stamp + i, new_cells)
-    for k in range(num_new):
-        index = new_cells[k, 0]
-        new_cells[k, 0], new_cells[k, 1] = index // width, index % width
-    return num_new
+            scan = lidar, ends, model, stamp + i
+            num_new, num_changed = _integrate(words[k], levels[k], 0.5**k, *scan, cells[0], cells[1])
+    to_rows_and_columns(cells[0][:num_new], width)
+    to_rows_and_columns(cells[1][:num_changed], width)
+    return num_new, num_changed
 
 
 @njit(cache=True, error_model="numpy")
@@ -155,24 +164,23 @@ class LogOddsMap(GrowingMap):
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D) -> MapUpdate:
         """Insert a scan, shape (num_beams,), float32 [m], at a base pose, map frame."""
-        window, count = self.integrate_all(ranges[None], np.array([pose]))
-        return MapUpdate(self._new_cells[:count].copy(), window, origin=self.grid.origin)
+        return self._updated(*self.integrate_all(ranges[None], np.array([pose])))
 
-    def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[Window, int]:
+    def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[Window, tuple[int, int]]:
         """Insert scans, shape (n, num_beams), float32 [m], into the map; n is at most `MAX_STAMP - 1`.
 
-        `poses`: base poses, shape (n, 3), float64, map frame. Returns the rectangle of observed cells, and the number
-        of cells first observed by the last scan.
+        `poses`: base poses, shape (n, 3), float64, map frame. Returns the rectangle of observed cells, and the numbers
+        of new and of changed cells by the last scan.
         """
         window = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:
             for words in self.words:
                 forget_stamps(words)
             self._stamp = 1
-        scans, work = (ranges, poses, self.geometry, self.corner), (self._ends, self._new_cells)
-        count = integrate_scans(tuple(self.words), self.levels, self.sums, *scans, self.model, self._stamp + 1, *work)
+        scans, work = (ranges, poses, self.geometry, self.corner), (self._ends, self._cells)
+        counts = integrate_scans(tuple(self.words), self.levels, self.sums, *scans, self.model, self._stamp + 1, *work)
         self._stamp += len(ranges)
-        return window, count
+        return window, counts
 
     def take_cells(self, other: "LogOddsMap") -> None:
         """Replace the cells by those of another map, which becomes invalid; `grid` stays the same object."""

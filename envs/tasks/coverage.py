@@ -7,12 +7,15 @@ from scipy import ndimage
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import MapUpdate
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.raycast import polar
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.worlds import ExplorableArea
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
 """Bit flags of a cell in the world's raster: can be explored; is known in the map; was observed from the true pose."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
+POLAR_MARGIN = 1e-4
+"""Bound of the error of an approximate bearing [rad]."""
 TOLERANCE = 2.0
 """Maximum distance between a beam and a point that it observes [raster cells]."""
 
@@ -42,33 +45,44 @@ class TrueScan(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
+def _reaches(scan, first, last, distance, tolerance):
+    num_beams = scan.ranges.shape[0]
+    turn = num_beams if scan.is_full_turn else round(2.0 * math.pi / scan.increment)
+    for index in range(first, last + 1):
+        beam = index if 0 <= index < turn else index % turn
+        if beam < num_beams and scan.ranges[beam] + tolerance >= distance:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
 def sees(scan, x, y, tolerance):
     """Return True if a beam passes or ends within `tolerance` [m] of the point (x, y), world frame."""
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
-    if distance > scan.range_max + tolerance:
-        return False
-    if distance <= tolerance:
-        return True
-    num_beams = scan.ranges.shape[0]
-    bearing = (math.atan2(dy, dx) - scan.theta) % (2.0 * math.pi)
-    is_dense = distance * scan.increment <= 2.0 * tolerance
-    nearest = math.floor(bearing / scan.increment)
-    if is_dense and nearest < num_beams and scan.ranges[nearest] + tolerance >= distance:
-        return True
-    ratio = tolerance / distance
+    if distance <= tolerance or distance > scan.range_max + tolerance:
+        return distance <= tolerance
+    turn, ratio, per_radian = 2.0 * math.pi, tolerance / distance, 1.0 / scan.increment
     # upper bound of the arc sine
     spread = 1.05 * ratio if ratio < 0.5 else math.asin(ratio)
-    first = math.floor((bearing - spread) / scan.increment)
-    last = math.ceil((bearing + spread) / scan.increment)
-    if not is_dense:
-        first, last = math.ceil((bearing - spread) / scan.increment), math.floor((bearing + spread) / scan.increment)
-    turn = num_beams if scan.is_full_turn else round(2.0 * math.pi / scan.increment)
-    for index in range(first, last + 1):
-        beam = index % turn
-        if beam < num_beams and scan.ranges[beam] + tolerance >= distance:
+    is_dense = distance * scan.increment <= 2.0 * tolerance
+    # The approximate bearing decides for most points.
+    bearing = polar(dx, dy) - scan.theta
+    bearing -= turn * math.floor(bearing / turn)  # faster than %
+    if POLAR_MARGIN < bearing < turn - POLAR_MARGIN:
+        low, high = (bearing - POLAR_MARGIN) * per_radian, (bearing + POLAR_MARGIN) * per_radian
+        nearest = int(low)
+        is_sure = is_dense and nearest == int(high) and nearest < scan.ranges.shape[0]
+        if is_sure and scan.ranges[nearest] + tolerance >= distance:
             return True
-    return False
+        first, last = low - spread * per_radian, high + spread * per_radian
+        if not _reaches(scan, math.floor(first), math.ceil(last), distance, tolerance):
+            return False
+    bearing = (math.atan2(dy, dx) - scan.theta) % turn
+    first, last = (bearing - spread) / scan.increment, (bearing + spread) / scan.increment
+    if is_dense:
+        return _reaches(scan, math.floor(first), math.ceil(last), distance, tolerance)
+    return _reaches(scan, math.ceil(first), math.floor(last), distance, tolerance)
 
 
 @njit(cache=True, error_model="numpy")

@@ -77,6 +77,49 @@ def test_a_crop_shows_what_has_changed_since_the_last_one(windows):
     assert (shown != before).any(axis=(1, 2, 3)).all()
 
 
+@pytest.mark.parametrize("pixels", [(NEAR_PIXEL, FAR_PIXEL), (0.1, 6.4)])
+@pytest.mark.parametrize("counts", [(7, 9), (60, 0, 3), (3, 4000)])
+def test_a_crop_shows_cells_that_an_update_names(counts, pixels):
+    """Few cells are pooled one by one, many with all others; the rest of the window is as it was."""
+    grid, rng, pose = random_grid(), np.random.default_rng(4), Pose2D(0.2, 0.1, 0.4)
+    pyramid = MapPyramid(grid, [trail_of((0.5, 0.5))])
+    before = crops(pyramid, pose, *pixels)
+    for count in counts:
+        cells = rng.integers((0, 0), grid.data.shape, size=(count, 2)).astype(np.int32)
+        is_new = grid.data[tuple(cells.T)] < 0
+        grid.data[tuple(cells.T)] = rng.choice([0, 30, 50, 100], count)
+        window = Window(0, 0, *grid.data.shape)
+        pyramid.update(MapUpdate(cells[is_new], window, origin=grid.origin, changed_cells=cells[~is_new]))
+    shown = crops(pyramid, pose, *pixels)
+    np.testing.assert_array_equal(shown, crops(MapPyramid(grid, [trail_of((0.5, 0.5))]), pose, *pixels))
+    assert (shown != before).any()
+
+
+def test_cells_counted_from_another_origin_are_not_taken_for_others():
+    grid, pose = random_grid(), Pose2D(0.2, 0.1, 0.4)
+    pyramid = MapPyramid(grid, [])
+    crops(pyramid, pose)
+    grid.data[80, 70] = 100
+    cells, origin = np.array([[70, 60]], dtype=np.int32), (grid.origin[0] + 0.5, grid.origin[1] + 0.5)
+    pyramid.update(MapUpdate(NO_CELLS, Window(60, 50, 40, 40), origin=origin, changed_cells=cells))
+    np.testing.assert_array_equal(crops(pyramid, pose), crops(MapPyramid(grid, []), pose))
+
+
+def test_updates_with_and_without_changed_cells_mix():
+    grid, pose = random_grid(), Pose2D(0.2, 0.1, 0.4)
+    pyramid = MapPyramid(grid, [])
+    crops(pyramid, pose)
+    for window, cells in (
+        (Window(80, 70, 1, 1), NO_CELLS),
+        (Window(70, 60, 20, 30), None),
+        (Window(1, 1, 1, 1), NO_CELLS),
+    ):
+        if cells is None:
+            grid.data[window.slices] = 0
+        pyramid.update(MapUpdate(NO_CELLS, window, origin=grid.origin, changed_cells=cells))
+    np.testing.assert_array_equal(crops(pyramid, pose), crops(MapPyramid(grid, []), pose))
+
+
 def test_without_an_update_nothing_changes():
     grid, pose = random_grid(), Pose2D(0.2, 0.1, 0.4)
     pyramid = MapPyramid(grid, [])

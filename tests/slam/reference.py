@@ -17,6 +17,19 @@ def random_scan(rng):
     return ranges
 
 
+def check_changed_cells(grid_map, ranges, pose, *quality):
+    """Insert a scan; check the cells that the update names as changed, and return their number."""
+    before = grid_map.grid.data.copy()
+    update = grid_map.integrate(ranges, pose, *quality)
+    after = grid_map.grid.data
+    assert after.shape == before.shape
+    changed = {tuple(cell) for cell in np.argwhere((before >= 0) & ((before >= 50) != (after >= 50))).tolist()}
+    named = {tuple(cell) for cell in update.changed_cells.tolist()}
+    assert changed <= named
+    assert all(before[cell] >= 0 for cell in named - {tuple(cell) for cell in update.new_cells.tolist()})
+    return len(changed)
+
+
 def beams(ranges, pose, lidar, side, skip_exceeding):
     """Yield first and last cell (row, column), True for a hit, and start and end (x, y) in cells of each beam."""
     base = pose.compose(type(pose)(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))

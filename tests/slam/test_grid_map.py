@@ -10,7 +10,7 @@ from lidarnaut.envs.slam import TinySlamParams
 from lidarnaut.envs.slam.grid_map import FULL_OCCUPANCY, MAX_COUNT, GridMap, observe, probabilities
 from lidarnaut.envs.slam.growing_map import MAX_CELLS
 
-from .reference import LIDAR, ReferenceMap, random_scan
+from .reference import LIDAR, ReferenceMap, check_changed_cells, random_scan
 
 SMALL = TinySlamParams(resolution=1.0, map_width=5.0, map_height=5.0, hole_width=0.0, quality=1.0, unvisited=0.5)
 ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
@@ -38,7 +38,8 @@ def test_map_matches_the_slow_reference(changes):
     for _ in range(6):
         ranges = random_scan(rng)
         pose = Pose2D(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-3, 3))
-        new, window, *_ = grid_map.integrate(ranges, pose, params.quality)
+        update = grid_map.integrate(ranges, pose, params.quality)
+        new, window = update[:2]
         assert (new >= window[:2]).all()
         assert (new < np.add(window[:2], window[2:])).all()
         reference.draw(ranges, pose, params.quality)
@@ -57,6 +58,16 @@ def test_map_matches_the_slow_reference(changes):
     np.testing.assert_array_equal(grid_map.grid.data, percent)
 
 
+@pytest.mark.parametrize(
+    "changes", [{}, {"occupancy_estimator": "area"}, {"cell_type": "base", "quality": 0.2}], ids=str
+)
+def test_an_update_names_the_known_cells_that_became_occupied_or_free(changes):
+    grid_map, rng, num_changed = GridMap(TinySlamParams(resolution=0.1, **changes), LIDAR), np.random.default_rng(5), 0
+    for _ in range(8):
+        num_changed += check_changed_cells(grid_map, random_scan(rng), Pose2D(0.1, 0.0, rng.uniform(-3, 3)), 0.9)
+    assert num_changed > 5
+
+
 def test_counting_saturates_and_the_mean_stays_within_its_grain():
     target = round(0.7 * FULL_OCCUPANCY)
     word = observe(0, round(0.1 * FULL_OCCUPANCY))
@@ -64,6 +75,15 @@ def test_counting_saturates_and_the_mean_stays_within_its_grain():
         word = observe(word, target)
     assert word & MAX_COUNT == MAX_COUNT
     assert (word >> 12) / FULL_OCCUPANCY == pytest.approx(0.7, abs=5e-3)
+
+
+def test_a_cell_that_every_beam_passes_counts_up_to_the_maximum():
+    lidar = LidarParams(num_beams=600, range_max=3.0)
+    grid_map = GridMap(dataclasses.replace(SMALL, resolution=0.5, empty_prob=0.2), lidar)
+    for count in (600, 1200, 1800, 2400, 3000, 3600, MAX_COUNT, MAX_COUNT):
+        grid_map.integrate(np.full(600, 2.0, dtype=np.float32), Pose2D(0.0, 0.0, 0.0), 1.0)
+        word = grid_map.words[-grid_map.corner[1], -grid_map.corner[0]]
+        assert (word & MAX_COUNT, word >> 12) == (count, round(0.2 * FULL_OCCUPANCY))
 
 
 def test_growth_by_powers_of_two_keeps_what_is_known_in_place():

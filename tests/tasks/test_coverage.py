@@ -8,7 +8,7 @@ from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.geometry.raycast import cast_rays
-from lidarnaut.envs.tasks.coverage import Coverage, map_iou
+from lidarnaut.envs.tasks.coverage import Coverage, TrueScan, map_iou, sees
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.worlds import FixedRoute, explorable_area, save_map
 from lidarnaut.envs.worlds.map_files import load_map
@@ -142,6 +142,38 @@ def test_a_scan_sees_what_lies_within_the_width_of_its_beams(num_beams, theta):
     )
     swept = ((np.abs(aside) <= 0.1) & (ahead >= 0.0) & (np.hypot(x, y) <= ranges[:, None] + 0.1)).any(axis=0)
     assert coverage.explored_fraction == pytest.approx(swept.mean(), rel=0.06)
+
+
+def sees_in_python(scan, x, y, tolerance):
+    distance = math.sqrt((x - scan.x) ** 2 + (y - scan.y) ** 2)
+    if distance > scan.range_max + tolerance or distance <= tolerance:
+        return distance <= tolerance
+    ratio, num_beams = tolerance / distance, len(scan.ranges)
+    bearing = (math.atan2(y - scan.y, x - scan.x) - scan.theta) % (2.0 * math.pi)
+    spread = 1.05 * ratio if ratio < 0.5 else math.asin(ratio)
+    first, last = (bearing - spread) / scan.increment, (bearing + spread) / scan.increment
+    if distance * scan.increment <= 2.0 * tolerance:
+        beams = range(math.floor(first), math.ceil(last) + 1)
+    else:
+        beams = range(math.ceil(first), math.floor(last) + 1)
+    turn = num_beams if scan.is_full_turn else round(2.0 * math.pi / scan.increment)
+    return any(k % turn < num_beams and float(scan.ranges[k % turn]) + tolerance >= distance for k in beams)
+
+
+@pytest.mark.parametrize(("num_beams", "fov"), [(1, 6.0), (4, 6.28318), (7, 1.0), (90, 3.14), (360, 6.265), (720, 2.0)])
+def test_approximate_bearings_decide_as_exact_ones(num_beams, fov):
+    """Many points lie on the borders between beams, and around the first beam."""
+    rng, increment = np.random.default_rng(num_beams), fov / num_beams
+    ranges = rng.choice([0.5, 2.0, 5.0, np.inf, np.nan], num_beams).astype(np.float32)
+    is_full_turn = fov > 2.0 * math.pi - 1.5 * increment
+    scan = TrueScan(ranges, 0.3, -0.2, -2.0, increment, is_full_turn, 6.0)
+    errors = rng.choice([0.0, 1e-12, -1e-9, 1e-6, -1e-5, 5e-5, 0.01], 800)
+    angles = scan.theta + increment * rng.integers(-1, num_beams + 2, 800) + errors
+    distances = rng.uniform(0.0, 6.5, 800)
+    points = np.stack([scan.x + distances * np.cos(angles), scan.y + distances * np.sin(angles)], axis=1)
+    seen = [sees(scan, x, y, 0.1) for x, y in points.tolist()]
+    assert seen == [sees_in_python(scan, x, y, 0.1) for x, y in points.tolist()]
+    assert 10 < sum(seen) < 790
 
 
 @pytest.mark.parametrize("slam", ["truth", "tinyslam", "odometry"])

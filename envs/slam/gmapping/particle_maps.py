@@ -4,7 +4,7 @@ import numpy as np
 
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import NO_CELLS, MapUpdate
-from lidarnaut.envs.geometry import UNKNOWN, Window
+from lidarnaut.envs.geometry import OCCUPIED_FROM, UNKNOWN, Window
 from lidarnaut.envs.robots import LidarParams
 
 from ..growing_map import GrowingMap
@@ -88,14 +88,15 @@ def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, num
 
 
 @njit(cache=True, error_model="numpy")
-def render_tiles(maps, particle, shown, after, occupancy, new_cells):
+def render_tiles(maps, particle, shown, after, occupancy, new_cells, changed_cells):
     """Copy changed tiles (square blocks of cells) of a particle's map to an occupancy grid.
 
-    Returns the number of new known cells and the rectangle of changes. `shown`: slot number of each tile in the grid,
-    shape (num_tiles,), int32. `after`: number of the last scan in the grid. `new_cells` receives row and column.
+    Returns the numbers of new and of changed cells, and the rectangle of changes. `shown`: slot number of each tile in
+    the grid, shape (num_tiles,), int32. `after`: number of the last scan in the grid. `new_cells` and `changed_cells`
+    receive row and column, as far as there is room.
     """
     pool, wide = maps.pool, maps.tiles_wide
-    num_new = 0
+    num_new = num_changed = 0
     col_min, row_min, col_max, row_max = occupancy.shape[1], occupancy.shape[0], -1, -1
     for tile in range(shown.shape[0]):
         slot = maps.slots[particle, tile]
@@ -111,8 +112,12 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
                 if target[j] < 0 and source[j] >= 0 and num_new < new_cells.shape[0]:
                     new_cells[num_new, 0], new_cells[num_new, 1] = row + i, col + j
                     num_new += 1
+                elif (source[j] >= OCCUPIED_FROM) != (target[j] >= OCCUPIED_FROM) or (source[j] < 0 <= target[j]):
+                    at = min(num_changed, changed_cells.shape[0] - 1)
+                    changed_cells[at, 0], changed_cells[at, 1] = row + i, col + j
+                    num_changed += 1
                 target[j] = source[j]
-    return num_new, Window(row_min, col_min, row_max - row_min + 1, col_max - col_min + 1)
+    return (num_new, num_changed), Window(row_min, col_min, row_max - row_min + 1, col_max - col_min + 1)
 
 
 class ParticleMaps(GrowingMap):
@@ -163,14 +168,14 @@ class ParticleMaps(GrowingMap):
 
     def render(self, particle: int, is_switched: bool) -> MapUpdate:
         """Copy a particle's map to `grid`; return the changed cells, or all if `grid` showed another particle's map."""
-        data, new_cells, origin = self.grid.data, self._new_cells, self.grid.origin
-        count, window = render_tiles(self.maps, particle, self._shown, self._shown_number, data, new_cells)
+        data, cells = self.grid.data, self._cells
+        counts, window = render_tiles(self.maps, particle, self._shown, self._shown_number, data, *cells)
         self._shown_number = self._number
-        if is_switched:
+        if is_switched or counts[1] > len(self._cells[1]):
             return self.redrawn()
         if window.is_empty:
             return MapUpdate(NO_CELLS, None)
-        return MapUpdate(new_cells[:count].copy(), window, origin=origin)
+        return self._updated(window, counts)
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
         super()._pad(margins)

@@ -110,7 +110,7 @@ def count_crossings(field, ranges, geometry, pose):
     Only beams through mostly known cells are tested. At a wrong pose, beams cross walls. `ranges`: shape (num_beams,),
     float32 [m]. `pose`: frame of the grid [m, m, rad].
     """
-    occupancy, side = field.occupancy, field.resolution
+    side, (height, width), flat = field.resolution, field.occupancy.shape, field.occupancy.ravel()
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x = (pose[0] - field.x + c * geometry.mount_x - s * geometry.mount_y) / side
     y = (pose[1] - field.y + s * geometry.mount_x + c * geometry.mount_y) / side
@@ -121,12 +121,14 @@ def count_crossings(field, ranges, geometry, pose):
         dx = c * geometry.directions[0, k] - s * geometry.directions[1, k]
         dy = s * geometry.directions[0, k] + c * geometry.directions[1, k]
         count = math.floor((min(float(ranges[k]), geometry.range_max) - GRAZING_LENGTH) / side)
-        known = 0
+        end_x, end_y, known = x + count * dx, y + count * dy, 0
+        is_inside = min(x, end_x) >= 0.0 and max(x, end_x) < width and min(y, end_y) >= 0.0 and max(y, end_y) < height
         for step in range(1, count + 1):
-            col, row = math.floor(x + step * dx), math.floor(y + step * dy)
-            if 0 <= row < occupancy.shape[0] and 0 <= col < occupancy.shape[1] and occupancy[row, col] >= 0:
-                known += 1
-                if occupancy[row, col] > OCCUPIED_PERCENT:
+            u, v = x + step * dx, y + step * dy
+            if is_inside or (0.0 <= u < width and 0.0 <= v < height):
+                value = flat[np.uint64(int(v) * width + int(u))]
+                known += value >= 0
+                if value > OCCUPIED_PERCENT:
                     known = count
                     crossing += 1
                     break

@@ -54,7 +54,7 @@ def test_maps_that_share_tiles_equal_maps_that_are_copied(skip_exceeding):
 def test_the_grid_follows_the_particle_that_is_rendered():
     rng, count = np.random.default_rng(8), 3
     ours = ParticleMaps(GMappingParams(num_particles=count, **SHARED), LIDAR)
-    grid, shown = ours.grid, 0
+    grid, shown, num_changed = ours.grid, 0, 0
     for k in range(30):
         poses = rng.uniform(-0.8, 0.8, (count, 3)) + (0.1 * k, 0.0, 0.0)
         ours.integrate(random_scan(rng), poses, rng.random(count) < 0.7)
@@ -78,6 +78,10 @@ def test_the_grid_follows_the_particle_that_is_rendered():
             for row, col in (cell for cell in after if after[cell] != before.get(cell)):
                 assert row - ours.corner[1] in rows
                 assert col - ours.corner[0] in cols
+            named = set(map(tuple, (update.changed_cells + ours.corner[::-1]).tolist()))
+            assert named == {cell for cell in before if (before[cell] >= 50) != (after[cell] >= 50)}
+            num_changed += len(named)
+    assert num_changed > 10
 
 
 def test_a_scan_for_which_the_pool_is_enlarged_midway_is_integrated_once():

@@ -45,6 +45,30 @@ def test_beams_are_asked_for_the_walls_that_they_pass_through():
         assert fields.count_crossings(field, np.array(ranges, dtype=np.float32), geometry, pose) == expected
 
 
+def test_crossings_equal_those_of_cells_tested_one_by_one():
+    """Some beams leave the grid, others pass along its border."""
+    rng, geometry = np.random.default_rng(3), ScanGeometry.of(LIDAR)
+    field = Field(
+        rng.choice([-1, 0, 0, 0, 0, 90], (40, 30), p=[0.1, 0.3, 0.2, 0.2, 0.17, 0.03]).astype(np.int8), -1.0, -1.0, 0.1
+    )
+    for _ in range(30):
+        ranges = rng.uniform(0.2, 4.0, LIDAR.num_beams).astype(np.float32)
+        pose = Pose2D(*rng.uniform((-1.2, -1.2), (2.2, 3.2)), rng.uniform(-3, 3))
+        eye = pose.compose(Pose2D(geometry.mount_x, geometry.mount_y, 0.0))
+        x, y, crossing, judged = (eye.x + 1.0) / 0.1, (eye.y + 1.0) / 0.1, 0, 0
+        for r, (u, v) in zip(ranges.tolist(), geometry.directions.T):
+            c, s = math.cos(pose.theta), math.sin(pose.theta)
+            count, values = math.floor((min(r, LIDAR.range_max) - fields.GRAZING_LENGTH) / 0.1), []
+            for step in range(1, count + 1):
+                col, row = math.floor(x + step * (c * u - s * v)), math.floor(y + step * (s * u + c * v))
+                is_inside = 0 <= row < 40 and 0 <= col < 30
+                values.append(int(field.occupancy[row, col]) if is_inside else -1)
+            crossing += max(values, default=0) > fields.OCCUPIED_PERCENT
+            known = sum(value >= 0 for value in values)
+            judged += count > 0 and (2 * known >= count or max(values) > fields.OCCUPIED_PERCENT)
+        assert fields.count_crossings(field, ranges, geometry, pose) == (crossing, judged)
+
+
 def test_a_field_is_what_is_known_of_a_map():
     grid_map = LogOddsMap(HectorParams(map_width=5.0, map_height=5.0, num_levels=1, skip_exceeding=True), LIDAR)
     assert (Field.of(grid_map.grid).occupancy == -1).all()
