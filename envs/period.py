@@ -32,7 +32,7 @@ from lidarnaut.envs.simulation import KinematicSimulator, Twist
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.task import total
-from lidarnaut.envs.transition import drive, pose_errors, record_positions, step_rows, update_robots
+from lidarnaut.envs.transition import drive, pose_errors, record_positions, step_rows, store_actions, update_robots
 
 ACTION, COMMAND = slice(at.ACTION_V, at.ACTION_W + 1), slice(at.COMMAND_V, at.COMMAND_W + 1)
 TIME_TOLERANCE = 1e-6
@@ -88,10 +88,8 @@ class Period:
         self.record(i)
 
     def act(self, actions: np.ndarray) -> np.ndarray:
-        """Store actions, fractions of the limits, shape (n, 2); return their twists, shape (n, 2) [m/s, rad/s]."""
-        numbers = self.numbers
-        numbers[:, ACTION] = actions
-        return numbers[:, ACTION] * self._limits
+        """Store actions, shape (n, 2), float32: fractions of limits; return twists, shape (n, 2) [m/s, rad/s]."""
+        return store_actions(self.rows.numbers, actions, self._limits)
 
     def follow(self, commands: np.ndarray) -> np.ndarray:
         """Store the actions of twists, shape (n, 2), float64 [m/s, rad/s], and return the twists."""

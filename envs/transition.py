@@ -76,6 +76,17 @@ def _watch_people(row, people):
 
 
 @njit(cache=True, error_model="numpy")
+def store_actions(rows, actions, limits):
+    """Store actions, fractions of the `limits` [m/s, rad/s], shape (n, 2); return twists, shape (n, 2), float64."""
+    twists = np.empty((rows.shape[0], 2))
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        row[at.ACTION_V], row[at.ACTION_W] = actions[k, 0], actions[k, 1]
+        twists[k, 0], twists[k, 1] = row[at.ACTION_V] * limits[0], row[at.ACTION_W] * limits[1]
+    return twists
+
+
+@njit(cache=True, error_model="numpy")
 def update_robots(rows, people):
     """Update robot states after a control period: contacts, predicted pose, and flags such as `SCAN`.
 

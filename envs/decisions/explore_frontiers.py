@@ -36,6 +36,7 @@ from lidarnaut.envs.transition import UNCHECKED
 MAX_CANDIDATES = 1000
 """Upper limit of the argument `max_candidates`: observations contain distances between all candidates."""
 RESET, EPISODE_END = "reset", "episode_end"
+STILL = np.zeros((1, 2))
 
 
 class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
@@ -232,7 +233,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.navigator.write_features(self.belief.pose, out["candidates"], out["sectors"], out["gaps"])
         out["action_mask"][...] = self._mask()
         if "map" in out:
-            self._map.write(self.deciding, out["map"])
+            rows = self.explore.period.rows
+            self._map.write(*((rows, out["map"][None]) if len(rows.robots) == 1 else (self.deciding, out["map"])))
         out["robot"][...] = self._robot_features
         return dict(out)
 
@@ -360,7 +362,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         env, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
         for pose, count, progress in self._spin() if navigator.plan is None else self._stops(navigator.plan):
             env.simulator.aim(pose, count)
-            env.period.run(np.zeros((1, 2)))
+            env.period.run(STILL)
             self._note(count, 0)
             navigator.integrate(robot.belief)
             if any(env.is_over):
@@ -374,18 +376,20 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _stops(self, plan: np.ndarray) -> Iterator[tuple[Pose2D, int, int]]:
         """Yield estimated pose, control periods and progress of each scan on a planned path."""
-        navigator, before, progress = self.navigator.navigator, 0, DRIVING
-        stops = self.explore.simulator.stops(self.belief.pose, plan, int(navigator.numbers["max_steps"]))
-        for pose, count, is_last, is_end in stops:
+        navigator, before = self.navigator.navigator, 0
+        max_steps, sees_around = int(navigator.numbers["max_steps"]), bool(navigator.numbers["sees_around"])
+        stops, is_end = self.explore.simulator.stops(self.belief.pose, plan, max_steps)
+        *others, last = stops
+        for x, y, heading, count in others:
             navigator.record["steps"] = count
-            if is_last:
-                progress = REACHED if is_end else TIME_UP
-            if progress == REACHED and not navigator.numbers["sees_around"]:
-                target = self.navigator.target or pose[:2]
-                heading = math.atan2(target[1] - pose.y, target[0] - pose.x) - self.robot_params.lidar.mount.yaw
-                pose = pose._replace(theta=heading)
-            yield pose._replace(theta=wrap_angle(pose.theta)), count - before, progress
+            yield Pose2D(x, y, wrap_angle(heading)), count - before, DRIVING
             before = count
+        x, y, heading, count = last
+        navigator.record["steps"] = count
+        if is_end and not sees_around:
+            target = self.navigator.target or (x, y)
+            heading = math.atan2(target[1] - y, target[0] - x) - self.robot_params.lidar.mount.yaw
+        yield Pose2D(x, y, wrap_angle(heading)), count - before, REACHED if is_end else TIME_UP
 
     def _spin(self) -> Iterator[tuple[Pose2D, int, int]]:
         """Yield estimated pose, control periods and progress of each scan of a turn in place."""

@@ -90,7 +90,7 @@ def writes_rows(part: Any) -> bool:
 def write_entries(part: Any, rows: RobotRows, out: np.ndarray) -> None:
     """Write the observation entries of all robots to `out`, shape (n, ...); those of users' parts one by one."""
     if writes_rows(part):
-        part.write(rows, out)
+        part._write(rows, out)
         return
     shows_truth = getattr(part, "uses_ground_truth", False)
     for k, robot in enumerate(rows.robots):

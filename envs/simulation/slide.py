@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -49,18 +49,6 @@ class SlideParams:
             raise ValueError(f"false_returns must lie in [0, 1), got {self.false_returns!r}")
 
 
-class Stop(NamedTuple):
-    """Pose on a planned path at which a robot scans."""
-
-    pose: Pose2D
-    """Estimated pose, map frame."""
-    steps: int
-    """Control periods since the start of the path."""
-    is_last: bool
-    is_end: bool
-    """Whether the pose is the end of the path, not the place reached after the allowed time."""
-
-
 class Slide(KinematicSimulator):
     """Mover of one robot along planned paths, at typical speeds; wheels, contacts and scan matching are left out.
 
@@ -90,10 +78,16 @@ class Slide(KinematicSimulator):
         """Set the estimated pose, map frame, that the next period moves the robot to in `count` control periods."""
         self._aim, self._count = pose, count
 
-    def stops(self, start: Pose2D, plan: np.ndarray, max_steps: int) -> Iterator[Stop]:
-        """Yield the poses at which a robot scans on a planned path, shape (n, 2), float64, map frame [m].
+    def stops(
+        self, start: Pose2D, plan: np.ndarray, max_steps: int
+    ) -> tuple[Iterator[tuple[float, float, float, int]], bool]:
+        """Return where a robot scans on a planned path, shape (n, 2), float64, map frame [m].
 
         `start`: estimated pose. `max_steps`: control periods after which the robot stops.
+
+        Returns:
+            Estimated poses [m, m, rad], map frame, with the number of control periods since the start; and whether the
+            last one is the end of the path.
         """
         path = np.vstack([start[:2], plan])
         steps = path[1:] - path[:-1]
@@ -106,9 +100,8 @@ class Slide(KinematicSimulator):
         at_lengths = np.append(np.arange(spacing, end, spacing), end)
         xs, ys = (np.interp(at_lengths, lengths, values).tolist() for values in path.T)
         thetas = headings[np.searchsorted(inner, at_lengths)].tolist()
-        for length, *pose in zip(at_lengths.tolist(), xs, ys, thetas, strict=True):
-            count = max(round((turn + length / self._speed) / self._period), 1)
-            yield Stop(Pose2D(*pose), count, length == end, bool(lengths[-1] <= farthest))
+        counts = [max(round((turn + length / self._speed) / self._period), 1) for length in at_lengths.tolist()]
+        return zip(xs, ys, thetas, counts, strict=True), bool(lengths[-1] <= farthest)
 
     def move(self) -> None:
         rows, row, rng, crowd = self.rows, self.rows.numbers[0], self.rngs[0], self.crowd
