@@ -50,8 +50,7 @@ def _pool_blocks(finer, height, width, cells, block, level):
     for k in range(cells.shape[0]):
         i, j = cells[k, 0] >> bits, cells[k, 1] >> bits
         if i != last_i or j != last_j:
-            free = 0
-            marks = np.uint16(0)
+            free, marks = 0, np.uint16(0)
             for a in range(i * _POOL, min((i + 1) * _POOL, height)):
                 for b in range(j * _POOL, min((j + 1) * _POOL, width)):
                     word = finer[a * width + b]
@@ -116,10 +115,9 @@ class Level:
 
     def update(self, data: np.ndarray, cells: np.ndarray) -> None:
         """Update the blocks of changed map cells (row, column), shape (n, 2), int32."""
-        if self.finer is None:
+        if (finer := self.finer) is None:
             pool_cells(data, cells, self.block, self.words)
         else:
-            finer = self.finer
             _pool_blocks(finer.words, finer.height, finer.width, cells, self.block, self.words)
 
     def mark(self, col: float, row: float) -> None:
