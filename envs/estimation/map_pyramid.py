@@ -19,6 +19,33 @@ _VISITED = np.uint16(1 << 9)
 
 
 @njit(cache=True, error_model="numpy")
+def _add_columns(lines, sums):
+    for k in range(sums.shape[0]):
+        sums[k] = np.uint16(0)
+    for row in range(lines.shape[0]):
+        line = lines[row]
+        for k in range(line.shape[0]):
+            known = np.uint16(1) if line[k] >= 0 else np.uint16(0)
+            sums[k] += known + (np.uint16(255) if line[k] >= OCCUPIED_FROM else np.uint16(0))
+
+
+@njit(cache=True, error_model="numpy")
+def pool_map(data, block, level):
+    """Compute all blocks of a pyramid level, four times as fast as `pool_cells`; arguments as there."""
+    width = (data.shape[1] + block - 1) // block
+    sums, scale = np.empty(width * block, dtype=np.uint16), np.float32(1.0 / (block * block))
+    for i in range((data.shape[0] + block - 1) // block):
+        _add_columns(data[i * block : (i + 1) * block], sums)
+        words = level[i * width : (i + 1) * width]
+        for k in range(width):
+            total = np.uint16(0)
+            for j in range(k * block, (k + 1) * block):
+                total += sums[j]
+            share = np.uint16((np.float32(np.uint16(255) * (total & _FREE)) + np.float32(0.5)) * scale)
+            words[k] = (words[k] & _VISITED) | (_OCCUPIED if total >= _OCCUPIED else np.uint16(0)) | share
+
+
+@njit(cache=True, error_model="numpy")
 def pool_cells(data, cells, block, level):
     """Compute the blocks of a pyramid level that contain changed map cells.
 
@@ -50,8 +77,7 @@ def _pool_blocks(finer, height, width, cells, block, level):
     for k in range(cells.shape[0]):
         i, j = cells[k, 0] >> bits, cells[k, 1] >> bits
         if i != last_i or j != last_j:
-            free = 0
-            marks = np.uint16(0)
+            free, marks = 0, np.uint16(0)
             for a in range(i * _POOL, min((i + 1) * _POOL, height)):
                 for b in range(j * _POOL, min((j + 1) * _POOL, width)):
                     word = finer[a * width + b]
@@ -112,14 +138,16 @@ class Level:
     def rebuild(self, data: np.ndarray) -> None:
         self.height, self.width = (math.ceil(size / self.block) for size in data.shape)
         self.words = np.zeros(self.height * self.width + 1, dtype=np.uint16)
-        self.update(data, corners(Window(0, 0, *data.shape), self.block))
+        if self.finer is None:
+            pool_map(data, self.block, self.words)
+        else:
+            self.update(data, corners(Window(0, 0, *data.shape), self.block))
 
     def update(self, data: np.ndarray, cells: np.ndarray) -> None:
         """Update the blocks of changed map cells (row, column), shape (n, 2), int32."""
-        if self.finer is None:
+        if (finer := self.finer) is None:
             pool_cells(data, cells, self.block, self.words)
         else:
-            finer = self.finer
             _pool_blocks(finer.words, finer.height, finer.width, cells, self.block, self.words)
 
     def mark(self, col: float, row: float) -> None:

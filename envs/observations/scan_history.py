@@ -121,8 +121,7 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
     """Store each robot's scan; write its recent scans to `out`, shape (n, len(lags) * num_sectors), float32.
 
     `memory`: stored control periods of each robot: odometry motion, and minimum range per sector (group of beams).
-    `lags`: ages of the written scans, increasing [control periods]. `active`: robots to write (mask). `sectors`: fields
-    of `Sectors`.
+    `lags`: ages of the written scans, increasing [control periods]. `active`: mask of robots. `sectors`: see `Sectors`.
     """
     sectors = Sectors(*sectors)
     count = sectors.directions.shape[1]

@@ -119,13 +119,14 @@ class LocalizationMonitor:
             self._num_consistent = self._num_consistent + 1 if fits and self.is_lost else 0
         elif self._has_odometry:
             field = Field(grid.data, *grid.origin, grid.resolution)
-            crossing, judged = count_crossings(field, ranges, self._geometry, pose)
+            is_jump = distance(pose[0] - predicted.x, pose[1] - predicted.y) > MAX_JUMP and driven < 2.0 * MAX_JUMP
+            least_share = 0.0 if self.is_lost or is_jump else MAX_CROSSING
+            crossing, judged = count_crossings(field, ranges, self._geometry, pose, least_share)
             if self.is_lost:
                 is_consistent = fits and judged >= LEAST_JUDGED and crossing <= MAX_ACCEPTED_CROSSING * judged
                 self._num_consistent = self._num_consistent + 1 if is_consistent else 0
             else:
-                jump = distance(pose[0] - predicted.x, pose[1] - predicted.y)
-                if jump > MAX_JUMP and driven < 2.0 * MAX_JUMP:
+                if is_jump:
                     fits = fits and crossing <= MAX_ACCEPTED_CROSSING * judged
                 is_crossing = judged >= LEAST_JUDGED and crossing > MAX_CROSSING * judged
                 self._num_crossing = self._num_crossing + 1 if is_crossing else 0
@@ -230,7 +231,7 @@ class Relocalizer:
         for k in range(max(last + 1 - NUM_SCANS, 0), last + 1):
             there = to_map.compose(Pose2D(*self._scans.poses[k].tolist()))
             ranges = self._scans.ranges[k]
-            counts += count_crossings(field, ranges, self._geometry, tuple(there))
+            counts += count_crossings(field, ranges, self._geometry, tuple(there), 0.0)
             num_beams += int(np.count_nonzero(ranges > 0.0))
         return float(counts[0] / max(counts[1], 1.0)), float(counts[1] / max(num_beams, 1))
 

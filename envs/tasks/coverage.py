@@ -80,9 +80,8 @@ def sees(scan, x, y, tolerance):
             return False
     bearing = (math.atan2(dy, dx) - scan.theta) % turn
     first, last = (bearing - spread) / scan.increment, (bearing + spread) / scan.increment
-    if is_dense:
-        return _reaches(scan, math.floor(first), math.ceil(last), distance, tolerance)
-    return _reaches(scan, math.ceil(first), math.floor(last), distance, tolerance)
+    beams = (math.floor(first), math.ceil(last)) if is_dense else (math.ceil(first), math.floor(last))
+    return _reaches(scan, beams[0], beams[1], distance, tolerance)
 
 
 @njit(cache=True, error_model="numpy")

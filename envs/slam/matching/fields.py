@@ -104,11 +104,12 @@ def fits_map(
 
 
 @njit(cache=True, error_model="numpy")
-def count_crossings(field, ranges, geometry, pose):
+def count_crossings(field, ranges, geometry, pose, least_share):
     """Return the number of lidar beams through occupied cells, and the number of tested beams.
 
     Only beams through mostly known cells are tested. At a wrong pose, beams cross walls. `ranges`: shape (num_beams,),
-    float32 [m]. `pose`: frame of the grid [m, m, rad].
+    float32 [m]. `pose`: frame of the grid [m, m, rad]. Counting stops as soon as the share of beams through occupied
+    cells cannot exceed `least_share`; 0 counts all beams.
     """
     side, (height, width), flat = field.resolution, field.occupancy.shape, field.occupancy.ravel()
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -116,6 +117,9 @@ def count_crossings(field, ranges, geometry, pose):
     y = (pose[1] - field.y + s * geometry.mount_x + c * geometry.mount_y) / side
     crossing = judged = 0
     for k in range(ranges.shape[0]):
+        num_left = ranges.shape[0] - k
+        if crossing + num_left <= least_share * (judged + num_left):
+            break
         if not ranges[k] > 0.0:
             continue
         dx = c * geometry.directions[0, k] - s * geometry.directions[1, k]

@@ -42,12 +42,12 @@ def test_beams_are_asked_for_the_walls_that_they_pass_through():
         ([just_behind, through, through, 0.2, ignored], (2, 3)),  # shorter than the omitted end, ignored
         ([no_return, through, ignored, no_return, 0.8], (2, 3)),  # no return clears its ray, mostly in unknown cells
     ):
-        assert fields.count_crossings(field, np.array(ranges, dtype=np.float32), geometry, pose) == expected
+        assert fields.count_crossings(field, np.array(ranges, dtype=np.float32), geometry, pose, 0.0) == expected
 
 
 def test_crossings_equal_those_of_cells_tested_one_by_one():
     """Some beams leave the grid, others pass along its border."""
-    rng, geometry = np.random.default_rng(3), ScanGeometry.of(LIDAR)
+    rng, geometry, stopped = np.random.default_rng(3), ScanGeometry.of(LIDAR), set()
     field = Field(
         rng.choice([-1, 0, 0, 0, 0, 90], (40, 30), p=[0.1, 0.3, 0.2, 0.2, 0.17, 0.03]).astype(np.int8), -1.0, -1.0, 0.1
     )
@@ -66,7 +66,12 @@ def test_crossings_equal_those_of_cells_tested_one_by_one():
             crossing += max(values, default=0) > fields.OCCUPIED_PERCENT
             known = sum(value >= 0 for value in values)
             judged += count > 0 and (2 * known >= count or max(values) > fields.OCCUPIED_PERCENT)
-        assert fields.count_crossings(field, ranges, geometry, pose) == (crossing, judged)
+        assert fields.count_crossings(field, ranges, geometry, pose, 0.0) == (crossing, judged)
+        for share in (0.05, 0.2, 0.52, 0.9):
+            some = fields.count_crossings(field, ranges, geometry, pose, share)
+            assert (some[0] > share * some[1]) == (crossing > share * judged)
+            stopped.add(some != (crossing, judged))
+    assert stopped == {True, False}
 
 
 def test_a_field_is_what_is_known_of_a_map():
