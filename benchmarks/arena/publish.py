@@ -111,7 +111,6 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
             verdict_section(fair),
             *leaderboard.ranking_sections(fair),
             overview.curves_section(folder, fair),
-            leaderboard.gap_section(fair),
             leaderboard.pairs_section(fair, measures.gaps),
             leaderboard.measures_section(fair),
         ]
