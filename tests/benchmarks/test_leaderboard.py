@@ -206,7 +206,7 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
     assert "nearest, odometry" in page
     pictures = re.findall(r"\]\((arena/[^)]+)\)", page)
     assert "## At a glance" in page[: page.index("## Leaderboard")]
-    assert len(pictures) == 3 + 4 + 2 * 3  # no verdict over four starts
+    assert len(pictures) == 4 + 2 * 3  # no verdict over four starts
     assert all((docs / picture).read_bytes().startswith(b"\x89PNG") for picture in pictures)
     names = {f"arena/{path.name}" for path in (docs / "arena").iterdir()}
     assert names == {*pictures, "arena/episodes.csv"}
