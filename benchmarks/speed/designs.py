@@ -128,10 +128,10 @@ def train(name: str) -> Iterator[int]:
     env = make_vec_env(config)
     model = build_model(config, env)
     model.set_logger(Logger(None, []))
+    rollout = model.n_steps * model.n_envs
     try:
         while True:
-            before = model.num_timesteps
-            model.learn(1, reset_num_timesteps=False)
-            yield model.num_timesteps - before
+            model.learn(rollout, reset_num_timesteps=False)
+            yield rollout
     finally:
         env.close()
