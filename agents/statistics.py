@@ -124,20 +124,6 @@ def probability_of_improvement(a: Strata, b: Strata, higher_is_better: bool) -> 
     return estimate([0.5 + 0.5 * np.sign(sign * (x - y)) for x, y in zip(a, b, strict=True)], statistic=np.mean)
 
 
-def gap_closed(gains: Strata, bounds: Strata) -> Estimate:
-    """Return a policy's improvement on the reference policy, divided by that of an upper-bound policy.
-
-    Improvements are interquartile means. NaN if the upper bound is not significantly better than the reference.
-    """
-    gap = estimate(bounds)
-    if gap.low <= 0.0:
-        return Estimate(np.nan, np.nan, np.nan, gap.n)
-    own, whole = np.concatenate(gains), np.concatenate(bounds)
-    draws = _draws(gains, NUM_RESAMPLES)
-    low, high = np.quantile(interquartile_mean(own[draws]) / interquartile_mean(whole[draws]), TAILS)
-    return Estimate(float(interquartile_mean(own) / interquartile_mean(whole)), float(low), float(high), gap.n)
-
-
 def performance_profile(strata: Strata, thresholds: np.ndarray) -> Band:
     """Return a performance profile: the share of episodes with a score above each threshold, with 95 % interval."""
     return bootstrap([np.asarray(values)[:, None] > thresholds for values in strata], np.mean, NUM_CURVE_RESAMPLES)

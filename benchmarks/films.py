@@ -1,6 +1,5 @@
 """Record animations of environments for the documentation: `python -m lidarnaut.benchmarks.films`."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +15,6 @@ from lidarnaut.benchmarks.arena.episodes import REFERENCES
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import resolve
-from lidarnaut.envs.geometry.lines import lengths_along
 
 NUM_FRAMES = 48
 """Maximum number of frames of an animation, without the final frame."""
@@ -32,59 +30,35 @@ WORLDS = {
 SEEDS = {"lidarnaut/Navigate-v0": 3}
 
 
-class Film:
-    """Records frames of an episode at equal intervals of simulated time."""
+def record(env: gymnasium.Env, every: float | None = None) -> list[np.ndarray]:
+    """Return a list to which an environment with `render_mode="rgb_array"` adds frames while it is stepped.
 
-    def __init__(self, env: gymnasium.Env, every: float | None = None) -> None:
-        """Attach to an environment with `render_mode="rgb_array"`; `every` is the simulated time between frames [s]."""
-        self._env: Any = lidar_env_of(env)
-        self._interval, self._most = (self._env.control_period, NUM_FRAMES) if every is None else (every, math.inf)
-        self.frames: list[np.ndarray] = []
-        self._plans: list[float] = []
-        self._env.on_period = self.shoot
+    `every`: simulated time between frames [s]; by default it doubles whenever there are `NUM_FRAMES` frames, of which
+    every second one is dropped.
+    """
+    base: Any = lidar_env_of(env)
+    frames: list[np.ndarray] = []
+    interval = every or base.control_period
 
-    def shoot(self, _: Any) -> None:
-        """Record a frame if due; at the maximum number, drop every second frame and double the interval."""
-        if self._env.time < len(self.frames) * self._interval - 1e-6:
+    def shoot(_: Any) -> None:
+        nonlocal interval
+        if base.time < len(frames) * interval - 1e-6:
             return
-        if len(self.frames) == self._most:
-            del self.frames[1::2], self._plans[1::2]
-            self._interval *= 2.0
-        self.finish()
+        if every is None and len(frames) == NUM_FRAMES:
+            del frames[1::2]
+            interval *= 2.0
+        frames.append(base.render())
 
-    def finish(self) -> None:
-        self.frames.append(self._env.render())
-        plan = self._env.overlay.plan
-        self._plans.append(0.0 if plan is None else float(lengths_along(plan)[-1]))
-
-    @property
-    def hero(self) -> np.ndarray:
-        """Still image: the frame with the longest planned path in the middle third of the episode."""
-        third = len(self.frames) // 3
-        return max(zip(self._plans[third:], self.frames[third : len(self.frames) - third]), key=lambda both: both[0])[1]
+    base.on_period = shoot
+    return frames
 
 
 def save_film(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> None:
     """Save RGB frames, shape (height, width, 3), uint8, as a looping GIF or WebP of `width` pixels."""
     size = width, round(frames[0].shape[0] * width / frames[0].shape[1])
     first, *rest = [Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS) for frame in frames]
-    if path.suffix == ".gif":
-        palette = _palette([*frames[:: max(1, len(frames) // 8)], frames[-1]])
-        first, *rest = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in (first, *rest)]
-    more = {"quality": QUALITY, "method": 4} if path.suffix == ".webp" else {"optimize": False}
     durations = [FRAME_MS] * len(rest) + [HOLD_MS]
-    first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, **more)
-
-
-def _palette(frames: Sequence[np.ndarray]) -> Image.Image:
-    packed = np.concatenate([frame.reshape(-1, 3) @ np.array([1 << 16, 1 << 8, 1]) for frame in frames])
-    values, counts = np.unique(packed, return_counts=True)
-    values = values[np.argsort(-counts, kind="stable")]
-    firsts = np.sort(np.unique(values & 0xF8F8F8, return_index=True)[1])[:256]
-    colours = values[firsts, None] >> np.array([16, 8, 0]) & 255
-    image = Image.new("P", (1, 1))
-    image.putpalette(colours.astype(np.uint8).tobytes())
-    return image
+    first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, quality=QUALITY)
 
 
 def main(
@@ -107,7 +81,7 @@ def main(
         seed: Seed of world, start and noise.
         every: Simulated time between frames [s]; default: about 48 frames.
         arguments: Environment arguments, YAML: "{world: rooms, slam: graph}".
-        picture: Also save a still image to this file.
+        picture: Also save the frame in the middle to this file.
     """
     ids = [id for id in gymnasium.registry if id.startswith("lidarnaut/") and only in id]
     for id in sorted(ids, key=lambda id: bool(gymnasium.spec(id).kwargs)):  # default configurations first
@@ -115,17 +89,17 @@ def main(
         env = gymnasium.make(id, physics=physics, render_mode="rgb_array", disable_env_checker=True, **options)
         start = SEEDS.get(id, 0) if seed is None else seed
         env.reset(seed=start)
-        film = Film(env, every)
+        frames = record(env, every)
         drivers = policies_for(env)
         driver = policy or next(name for name in REFERENCES if name in drivers)
         run_episode(env, resolve(driver, drivers, "policy")(), start)
-        film.finish()
+        frames.append(env.render())
         env.close()
         path = out if out.suffix else out / f"{id.partition('/')[2].lower()}.webp"
         path.parent.mkdir(parents=True, exist_ok=True)
-        save_film(film.frames, path, 720 if path.suffix == ".webp" else 960)
+        save_film(frames, path, 720 if path.suffix == ".webp" else 960)
         if picture is not None:
-            Image.fromarray(film.hero).save(picture, optimize=True)
+            Image.fromarray(frames[len(frames) // 2]).save(picture, optimize=True)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
 
 

@@ -63,5 +63,5 @@ def no_workers(monkeypatch):
 @pytest.fixture
 def no_overview(monkeypatch):
     """Skip the slow pictures over all worlds."""
-    for name in ("curves_section", "gallery_section", "worst_section"):
+    for name in ("curves_section", "gallery_section"):
         monkeypatch.setattr(f"lidarnaut.benchmarks.arena.overview.{name}", lambda *_: None)

@@ -8,7 +8,7 @@ import numpy as np
 
 from lidarnaut.agents.frontiers.tasks import is_held_out
 from lidarnaut.agents.policy_names import is_bound
-from lidarnaut.agents.statistics import Estimate, estimate, gap_closed, success_rate
+from lidarnaut.agents.statistics import Estimate, estimate, success_rate
 from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.benchmarks.arena.measures import Measures, share_of
 from lidarnaut.envs.measures import Measure
@@ -166,21 +166,6 @@ class Episodes:
 
     def competitors(self, measure: Measure) -> dict[str, Estimate]:
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
-
-    def gaps_closed(self, policy: str) -> dict[str, Estimate]:
-        """Return the share of the gap from the reference to the ground-truth policy that a policy closes, by measure.
-
-        Empty for these two policies, or if no policy uses ground truth.
-        """
-        if self.bound is None or policy == self.reference or is_bound(policy):
-            return {}
-        here, found = self.shared((policy, self.reference, self.bound)), {}
-        for measure in self.measures.gaps if here else ():
-            sign = 1.0 if measure.higher_is_better else -1.0
-            pairs = (here.pairs(name, self.reference, measure) for name in (policy, self.bound))
-            gains, bounds = ([sign * (a - b) for a, b in zip(*both, strict=True)] for both in pairs)
-            found[measure.name] = gap_closed(gains, bounds)
-        return found
 
     def typical_and_worst(self, policy: str) -> tuple[Row, Row]:
         headline = self.measures.headline

@@ -88,22 +88,6 @@ def measures_section(episodes: Episodes) -> Section:
     return Section("All other measures", (text, Table(("", *(m.title for m in others)), lines)))
 
 
-def gap_section(episodes: Episodes) -> Section | None:
-    closed = {policy: found for policy in episodes.policies if (found := episodes.gaps_closed(policy))}
-    if not closed:
-        return None
-    reference, bound = short(episodes.reference), episodes.bound
-    text = (
-        f"0 % is {reference}, 100 % is {bound}: the improvement of a policy over {reference} from the same start, "
-        f"divided by that of {bound} (interquartile means). Dash: {bound} is not significantly better."
-    )
-    lines = []
-    for policy, estimates in closed.items():
-        cells = [DASH if np.isnan(value.iqm) else Cell.of(value, SUCCESS) for value in estimates.values()]
-        lines.append([Cell(short(policy)), *cells])
-    return Section("Gap closed", (text, Table(("%", *(m.label for m in episodes.measures.gaps)), lines, is_open=True)))
-
-
 def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | None:
     """Return a report section that compares each policy with the reference policy under equal conditions and seeds."""
     reference, marks = episodes.reference, episodes.measures.marks

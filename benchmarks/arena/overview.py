@@ -28,8 +28,6 @@ from lidarnaut.envs.player import Recording, build_page
 
 MAX_RELATIVE = 3.0
 """Upper end of plot axes for time and distance, as a multiple of the reference policy's value."""
-NUM_WORST, NUM_WORST_MAPS = 5, 3
-"""Number of worst episodes listed in the report, and number of these drawn as maps."""
 COLORS = "Colours: time of first observation of a cell. Red: true walls."
 
 
@@ -94,33 +92,6 @@ def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Pr
         over = curve.time / units["time_limit"], curve.path_length / units["distance_limit"]
         curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(ProgressCurve(*over, curve.progress))
     return {policy: list(strata.values()) for policy, strata in curves.items()}
-
-
-def worst_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Return a report section with the worst episodes of the best policy, compared with the reference policy."""
-    measures, reference = episodes.measures, episodes.reference
-    policy = next((name for name in episodes.competitors(measures.decisive) if name != reference), None)
-    if policy is None or not measures.marks:
-        return None
-    mark, relative, references = measures.marks[0], measures.decisive, episodes.by_start(reference)
-    mine = [row for row in episodes.of(policy) if start_of(row) in references]
-    mine.sort(key=lambda row: -value_of(row, relative))
-    names, lines, figures = (short(policy), short(reference)), [], []
-    for k, row in enumerate(mine[:NUM_WORST], start=1):
-        both, where = (row, references[start_of(row)]), episodes.place(row)
-        times = [Cell(mark.text(one[mark.name])) for one in both]
-        ends = [f"{100 * one['explored_fraction']:.1f} %, {one['end_reason'].replace('_', ' ')}" for one in both]
-        lines.append([Cell(where), *times, Cell(relative.text(value_of(row, relative))), *map(Cell, ends)])
-        if k <= NUM_WORST_MAPS:
-            picture = render(draw_growth, {one["policy"]: Trace.load(trace_path(folder, one)) for one in both})
-            caption = f"{where}: {names[0]} above, {names[1]} below."
-            figures.append(Figure(f"worst_against_{k}", picture, caption, is_wide=True))
-    text = (
-        f"The {len(lines)} starts with the highest time of {names[0]} relative to {names[1]}, and the maps of both "
-        f"from the first {len(figures)}. {COLORS}"
-    )
-    head = ("", *(f"{name}, {mark.title}" for name in names), "relative", *(f"{name} ends at" for name in names))
-    return Section(f"Where {names[0]} does worst", (text, Table(head, lines, words=(4, 5)), *figures))
 
 
 def story(row: Row, measures: Measures) -> str:

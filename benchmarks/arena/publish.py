@@ -110,9 +110,7 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
         sections = [
             verdict_section(fair),
             *leaderboard.ranking_sections(fair),
-            overview.worst_section(folder, fair),
             overview.curves_section(folder, fair),
-            leaderboard.gap_section(fair),
             leaderboard.pairs_section(fair, measures.gaps),
             leaderboard.measures_section(fair),
         ]

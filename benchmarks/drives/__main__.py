@@ -14,7 +14,6 @@ from lidarnaut.benchmarks.drives.localization import compare_amcl, compare_on_lo
 from lidarnaut.benchmarks.drives.recording import Row, table
 from lidarnaut.benchmarks.drives.slams import compare_kidnapped, compare_slams
 from lidarnaut.benchmarks.drives.teams import compare_teams
-from lidarnaut.benchmarks.drives.times import time_amcl, time_planning
 from lidarnaut.envs.command_line import make_console, run_command
 
 STAGES: dict[str, Callable[..., list[Row]]] = {
@@ -22,8 +21,6 @@ STAGES: dict[str, Callable[..., list[Row]]] = {
     "kidnapping": compare_kidnapped,
     "localization": compare_amcl,
     "localization-log": compare_on_log,
-    "localization-times": time_amcl,
-    "planning": time_planning,
     "teams": compare_teams,
     "driver": compare_driving,
     "driver-load": measure_loads,

@@ -123,10 +123,10 @@ def add_cupboards(setup: Setup, start: Pose2D, count: int, rng: np.random.Genera
     return setup
 
 
-def symmetries(grid: OccupancyGrid, share: float = 0.9) -> list[Pose2D]:
+def symmetries(grid: OccupancyGrid) -> list[Pose2D]:
     """Return the rotations (30, 60, ..., 330 degrees) that map a grid onto itself, as motions in the map frame.
 
-    At least a `share` of the rotated occupied cells must lie within two cells of an occupied cell.
+    At least 90 % of the rotated occupied cells must lie within two cells of an occupied cell.
     """
     occupied = grid.data == OCCUPIED
     distances = ndimage.distance_transform_edt(~occupied)
@@ -138,7 +138,7 @@ def symmetries(grid: OccupancyGrid, share: float = 0.9) -> list[Pose2D]:
         motion = Pose2D(*(middle - turn.transform(middle[None])[0]).tolist(), turn.theta)
         cells = grid.cells(motion.transform(points))
         near = distances[tuple(cells[grid.contains(cells)].T)] <= 2.0
-        if np.count_nonzero(near) >= share * len(points):
+        if np.count_nonzero(near) >= 0.9 * len(points):
             found.append(motion)
     return found
 

@@ -1,1 +1,1 @@
-"""Benchmarks of throughput, and of compiled (Numba) kernels."""
+"""Benchmarks of throughput."""

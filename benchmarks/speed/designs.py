@@ -1,8 +1,7 @@
-"""Environment designs whose throughput is compared."""
+"""Environments and trainings whose steps per second are compared."""
 
-import contextlib
 import dataclasses
-import multiprocessing
+import itertools
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
@@ -14,53 +13,63 @@ import lidarnaut.agents  # noqa: F401  (before torch, whose threads it keeps fro
 from lidarnaut.benchmarks.speed.halls import make_hall
 from lidarnaut.envs.robots import RobotParams, load_robot
 
-ID = "lidarnaut:lidarnaut/Explore-v0"
 ACTION_REPEAT, NUM_ACTIONS = 10, 500
 TRAININGS = "reach_crowd", "rooms_fast", "reach_scans"
 """Configurations of the measured trainings."""
-FEWEST_ENVS, MOST_ENVS = 16, 256
-"""Smallest and largest number of sub-environments of the compared vector environments."""
-
-
-class Design(NamedTuple):
-    """Compared environment design: implementation, number of sub-environments, and cores."""
-
-    name: str
-    """Implementation. `bullet`, `kinematic`: single environment with this simulator. `vector`, `bullet_vector`: vector
-    environment. `subproc`: `SubprocVecEnv` of stable-baselines3. Name of a training: this training."""
-    num_envs: int = 1
-    cores: int = 1
-    """Number of CPU cores; if above 1, also the number of worker processes of a vector environment."""
-
-
-DESIGNS = (
-    Design("bullet"),
-    Design("kinematic"),
-    *(Design("vector", num_envs, cores) for cores in (1, 2) for num_envs in (FEWEST_ENVS, 64, MOST_ENVS)),
-    *(Design("bullet_vector", FEWEST_ENVS, cores) for cores in (1, 2)),
-    *(Design("subproc", 2, cores) for cores in (1, 2)),
-)
-"""Compared environment designs."""
+DESIGNS = [("bullet", 1, 1), ("kinematic", 1, 1)]
+DESIGNS += [("kinematic", num_envs, cores) for cores in (1, 2) for num_envs in (16, 64, 256)]
+DESIGNS += [("bullet", 16, 1), ("bullet", 16, 2), ("SubprocVecEnv", 2, 1), ("SubprocVecEnv", 2, 2)]
+"""Physics, number of sub-environments, number of cores; `SubprocVecEnv` of stable-baselines3 has kinematic physics."""
 
 
 class Case(NamedTuple):
-    """Configuration to be measured: environment design, number of obstacles, SLAM ("tinyslam" or "truth")."""
+    """Measured environment or training."""
 
-    design: Design
-    num_bodies: int
-    slam: str
-    num_beams: int = 360
-    map_resolution: float = 0.05
-    """Side of a map cell [m]."""
+    row: str
+    """Row of the table."""
+    column: str
+    """Column of the table."""
+    cores: int
+    """Number of CPU cores."""
+    drive: Callable[[], Iterator[int]]
+    """Returns an iterator that steps all sub-environments, and yields the number of steps."""
 
 
-class Drive(NamedTuple):
-    """Functions that step and close the running environments of one design."""
+def designs() -> Iterator[list[Case]]:
+    """Yield environments that explore a hall with 50 or 300 obstacles, with TinySLAM or the true pose."""
+    for bodies, slam in itertools.product((50, 300), ("tinyslam", "truth")):
+        options = {"world": make_hall(bodies), "robot": benchmark_robot(), "slam": slam, "start": "spawn"}
+        yield [
+            Case(
+                f"{kind} x {num_envs}, cores: {cores}",
+                f"{slam}, {bodies} bodies",
+                cores,
+                partial(step_environment, "Explore-v0", kind, num_envs, cores, **options),
+            )
+            for kind, num_envs, cores in DESIGNS
+        ]
 
-    step: Callable[[int], object]
-    close: Callable[[], object]
-    at_once: int
-    """Number of steps per sub-environment in each call of `step`."""
+
+def decisions() -> Iterator[list[Case]]:
+    """Yield environments whose robots drive to the nearest frontier in rooms, with Hector; a step is a decision."""
+    rooms = {"world": "rooms", "world_size": (20.0, 20.0)}
+    step = partial(step_environment, "ExploreFrontiers-v0", "kinematic", **rooms)
+    yield [Case(f"x {num_envs}", "decisions", 1, partial(step, num_envs)) for num_envs in (1, 16, 64, 256)]
+
+
+def people() -> Iterator[list[Case]]:
+    """Yield vector environments with goals among people."""
+    hall = {"world_size": (12.0, 12.0), "observations": ("scan_history", "goal"), "robot": "turtlebot3_burger"}
+    step = partial(step_environment, "ReachCrowd-v0", "kinematic", 64, **hall)
+    yield [
+        Case(f"people: {number}", f"contact {contact}", 1, partial(step, people=number, contact=contact))
+        for number, contact in itertools.product((0, 10, 30), ("costs", "ends"))
+    ]
+
+
+def trainings() -> Iterator[list[Case]]:
+    """Yield whole trainings, rollouts and updates, on one core and on two."""
+    yield [Case(name, f"cores: {cores}", cores, partial(train, name)) for name in TRAININGS for cores in (1, 2)]
 
 
 def benchmark_robot(num_beams: int = 360) -> RobotParams:
@@ -76,46 +85,34 @@ def make_actions(num_envs: int) -> Iterator[np.ndarray]:
         yield from (actions for actions in table for _ in range(ACTION_REPEAT))
 
 
-def open_drive(case: Case) -> Drive:
-    if case.design.name in TRAININGS:
-        return _train(case.design)
-    name, num_envs, cores = case.design
-    physics = "bullet" if name.startswith("bullet") else "kinematic"
-    arguments: dict[str, Any] = {"world": make_hall(case.num_bodies), "robot": benchmark_robot(case.num_beams)}
-    arguments |= {"slam": case.slam, "physics": physics, "start": "spawn", "map_resolution": case.map_resolution}
-    make_single = partial(gymnasium.make, ID, **arguments)
+def step_environment(id: str, kind: str, num_envs: int, cores: int = 1, **options: Any) -> Iterator[int]:
+    """Step an environment of a kind in `DESIGNS`, with random twists or the decision 0; yield the number of steps."""
+    id, options["physics"] = f"lidarnaut:lidarnaut/{id}", "bullet" if kind == "bullet" else "kinematic"
+    make_single = partial(gymnasium.make, id, **options)
     env: Any
-    if name in ("bullet", "kinematic"):
-        env = make_single()
-        env.reset(seed=0)
-    elif name == "subproc":
+    if kind == "SubprocVecEnv":
         from stable_baselines3.common.vec_env import SubprocVecEnv
 
-        multiprocessing.get_context("forkserver").set_forkserver_preload([SubprocVecEnv.__module__, __name__])
-        env = SubprocVecEnv([make_single] * num_envs, start_method="forkserver")
+        env = SubprocVecEnv([make_single] * num_envs, start_method="spawn")
         env.seed(0)
         env.reset()
     else:
-        # A fork would miss the threads of a training process.
-        how: dict[str, Any] = {"context": "forkserver", "num_workers": cores if cores > 1 else 0}
-        env = gymnasium.make_vec(ID, num_envs, "vector_entry_point", **how, **arguments)
+        options |= {"num_workers": cores, "context": "spawn"} if num_envs > 1 else {}  # workers inherit the cores
+        env = make_single() if num_envs == 1 else gymnasium.make_vec(id, num_envs, "vector_entry_point", **options)
         env.reset(seed=0)
-    actions, is_single = make_actions(num_envs), isinstance(env, gymnasium.Env)
-
-    def step(count: int) -> None:
-        for _ in range(count):
-            result = env.step(next(actions)[0] if is_single else next(actions))
+    drives, is_single = isinstance(env.action_space, gymnasium.spaces.Box), num_envs == 1
+    try:
+        for actions in make_actions(num_envs) if drives else itertools.repeat(np.zeros(num_envs, dtype=np.int64)):
+            result = env.step(actions[0] if is_single else actions)
             if is_single and (result[2] or result[3]):
                 env.reset()
-
-    def close() -> None:
-        with contextlib.suppress(EOFError, BrokenPipeError):
-            env.close()
-
-    return Drive(step, close, at_once=5 if num_envs < 64 else 1)
+            yield num_envs
+    finally:
+        env.close()
 
 
-def _train(design: Design) -> Drive:
+def train(name: str) -> Iterator[int]:
+    """Train by a configuration; yield the number of steps of each rollout and its updates."""
     from stable_baselines3.common.logger import Logger
 
     from lidarnaut.agents.algorithms import build_model, find_algorithm, prepare
@@ -124,14 +121,17 @@ def _train(design: Design) -> Drive:
     from lidarnaut.agents.vec_env import make_vec_env
     from lidarnaut.envs.files import read_mapping
 
-    data, _ = with_recipe(read_mapping(find_configuration(design.name, "experiment")))
-    data = change(data, {"torch_threads": design.cores})
+    data, _ = with_recipe(read_mapping(find_configuration(name, "experiment")))
     if "num_worlds" in data["environment"]:  # made during the measurement
         data = change(data, {"environment.num_worlds": 4})
-    config: Any = parse_config(data, design.name)
+    config: Any = parse_config(data, name)
     env = make_vec_env(config)
-    prepared = prepare(config, find_algorithm(config.algorithm), env)
-    model = build_model(prepared, env)
+    model = build_model(prepare(config, find_algorithm(config.algorithm), env), env)
     model.set_logger(Logger(None, []))
-    learn = partial(model.learn, reset_num_timesteps=False)
-    return Drive(learn, env.close, at_once=prepared.rollout_steps)
+    rollout = model.n_steps * model.n_envs
+    try:
+        while True:
+            model.learn(rollout, reset_num_timesteps=False)
+            yield rollout
+    finally:
+        env.close()

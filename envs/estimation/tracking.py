@@ -336,8 +336,8 @@ class PeopleTracker:
         """All tracks, a view of shape (n, TRACK_SIZE), float64: one row per track, column indices `X` to `ON_FREE`."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
-    def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, include: int = TRACKED) -> np.ndarray:
-        """Return the mask of beams that end within `margin` [m] of people: shape (num_beams,), bool.
+    def is_on_person(self, ranges: np.ndarray, *, include: int = TRACKED) -> np.ndarray:
+        """Return the mask of beams that end within 0.1 m of people: shape (num_beams,), bool.
 
         `include`: `TRACKED` (confirmed people), `NOT_STANDING` (also person-sized clusters not known to be static) or
         `LARGE_ENOUGH` (all person-sized clusters).
@@ -350,4 +350,4 @@ class PeopleTracker:
             pose = Pose2D(*self._state[POSE : POSE + 3].tolist()).inverse()
             bodies = np.zeros((len(clusters), 5))
             bodies[:, :2], bodies[:, 4] = pose.transform(clusters[:, :2]), clusters[:, 2]
-        return are_on_bodies(scan_ends(ranges, self._geometry), np.vstack([self.people, bodies]), margin)
+        return are_on_bodies(scan_ends(ranges, self._geometry), np.vstack([self.people, bodies]), 0.1)

@@ -35,6 +35,10 @@ MAX_STEPS = 5000
 TURN_HOLD, TURN_DECAY = 0.25, 0.25
 """Default time without measurements after which the predicted yaw rate decays to zero, and time constant of the decay
 [s]. Turns are short: the rate of one moment says nothing about the next seconds."""
+GATE, PATIENCE = 0.999, 2.0
+"""Probability that a valid measurement passes the chi-square test (outliers are `gated`), and divergence timeout [s]:
+after this time with only `gated` measurements of a sensor, its next one is `recovered` with inflated covariance. A map,
+landmark or compass measurement stays `gated` if another kind in `LOCATING` was accepted within this time."""
 BIAS_PATIENCE = 0.25
 """Time with only `gated` compass measurements after which the next one changes the compass bias [s]."""
 DISTURBED, DISTURBED_INTERVAL, DISTURBED_TIME = 3.0, 0.1, 4.0
@@ -47,7 +51,7 @@ MIN_DISTANCE = 1e-3
 """Minimum distance of a landmark; nearer ones have no bearing and are `unusable` [m]."""
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
 """A jump of the clock is accepted after at least this number of measurements with refused time stamps. The timeout
-`patience` is multiplied by the factor if only one of several sensors jumps."""
+`PATIENCE` is multiplied by the factor if only one of several sensors jumps."""
 
 Kind = Literal["map", "encoder", "compass", "landmark"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -161,8 +165,6 @@ class Ekf:
         acceleration: float = 0.3,
         angular_acceleration: float = 0.6,
         horizon: float = 1.0,
-        gate: float = 0.999,
-        patience: float = 2.0,
         max_ahead: float = 1.0,
         bias_std: float = 0.0,
         bias_drift: float = 0.0,
@@ -175,13 +177,9 @@ class Ekf:
             acceleration: root spectral density of forward acceleration noise [m/s2/sqrt(Hz)].
             angular_acceleration: root spectral density of angular acceleration noise [rad/s2/sqrt(Hz)].
             horizon: maximum delay of a measurement [s]; older ones are `too_old`.
-            gate: probability that a valid measurement passes the chi-square test; outliers are `gated`.
-            patience: divergence timeout [s]. If a sensor is only `gated` for this time, the next measurement is
-                `recovered` with inflated covariance. A map, landmark or compass measurement stays `gated` if another
-                kind in `LOCATING` was accepted within this time.
             max_ahead: maximum lead of a measurement over the filter's clock [s], or inf; further ones are `too_new`.
                 The clock is the latest of the reset, applied measurements and times passed to `estimate`. Two sensors
-                that are only `too_new` or only `too_old` for `patience` seconds reset the clock.
+                that are only `too_new` or only `too_old` for `PATIENCE` reset the clock.
             bias_std: standard deviation of the compass bias at the reset [rad].
             bias_drift: root spectral density of the random walk of the compass bias [rad/sqrt(s)]. With a positive
                 value, compass measurements that are only `gated` for `BIAS_PATIENCE` change the bias and not the
@@ -195,19 +193,17 @@ class Ekf:
         for name, value in (("acceleration", acceleration), ("angular_acceleration", angular_acceleration)):
             if not 0.0 < value < math.inf:
                 raise ValueError(f"{name} must be positive and finite, got {value!r}")
-        at_least_0 = {"horizon": horizon, "patience": patience, "bias_std": bias_std, "bias_drift": bias_drift}
+        at_least_0 = {"horizon": horizon, "bias_std": bias_std, "bias_drift": bias_drift}
         at_least_0 |= {"drift": drift, "turn_hold": turn_hold}
         for name, value in at_least_0.items():
             if not 0.0 <= value < math.inf:
                 raise ValueError(f"{name} must be finite and not negative, got {value!r}")
         if not max_ahead > 0.0:
             raise ValueError(f"max_ahead must be positive, got {max_ahead!r}")
-        if not 0.0 < gate < 1.0:
-            raise ValueError(f"gate must lie in (0, 1), got {gate!r}")
-        self._horizon, self._patience, self._max_ahead, self._turn_hold = horizon, patience, max_ahead, turn_hold
+        self._horizon, self._max_ahead, self._turn_hold = horizon, max_ahead, turn_hold
         self._noise = np.square([drift, drift, DRIFT[2], acceleration, angular_acceleration, bias_drift])
         self._bias_std = bias_std
-        self._gates = [float(2.0 * gammaincinv(0.5 * size, gate)) for size in range(1, 4)]
+        self._gates = [float(2.0 * gammaincinv(0.5 * size, GATE)) for size in range(1, 4)]
         self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(NUM_REPORTED))
 
     def reset(
@@ -287,7 +283,7 @@ class Ekf:
             self._refused.clear()
         self._refused_as = verdict
         self._refused.setdefault(measurement.kind, []).append(time)
-        patience = self._patience
+        patience = PATIENCE
         if len(self._kinds) > 1 and len(self._refused) == 1:
             if verdict == "too_old":
                 return verdict
@@ -361,8 +357,8 @@ class Ekf:
             since = after.gated_since.setdefault(kind, after.time)
             is_bias = kind == "compass" and has_bias
             rivals = () if kind == "encoder" else (after.located.get(of) for of in LOCATING if of != kind)
-            is_located = any(time is not None and after.time - time <= self._patience for time in rivals)
-            patience = BIAS_PATIENCE if is_bias else self._patience
+            is_located = any(time is not None and after.time - time <= PATIENCE for time in rivals)
+            patience = BIAS_PATIENCE if is_bias else PATIENCE
             if (is_located and not is_bias) or after.time - since < patience or after.time == since:
                 after.verdict = "gated"
                 return

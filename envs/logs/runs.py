@@ -221,12 +221,12 @@ def save_g2o(path: Path, nodes: np.ndarray, edges: Iterable[tuple[int, int, np.n
     write_file(path, "".join(f"{line}\n" for line in lines))
 
 
-def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: int = 10) -> Image.Image:
-    """Draw the known part of a map with a margin [cells]: white free, black occupied, grey unknown.
+def picture(grid: OccupancyGrid, positions: np.ndarray | None = None) -> Image.Image:
+    """Draw the known part of a map with a margin of 10 cells: white free, black occupied, grey unknown.
 
     `positions`: path in blue, shape (n, 2), map frame [m].
     """
-    known = crop_to_known(grid, margin)
+    known = crop_to_known(grid, margin=10)
     cells = known.data.astype(float)
     grey = np.where(cells == UNKNOWN, 190.0, 255.0 - 2.55 * cells).round().astype(np.uint8)
     image = Image.fromarray(np.ascontiguousarray(grey[::-1])).convert("RGB")

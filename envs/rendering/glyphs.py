@@ -24,12 +24,12 @@ def draw_path(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, width
         pygame.draw.lines(surface, colour, False, pixels.tolist(), width)
 
 
-def draw_dashes(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, width: int, dash: float = 14.0) -> None:
+def draw_dashes(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, width: int) -> None:
     """Draw a dashed line through points, shape (n, 2) [px], ending in a disc."""
     if len(pixels) == 0:
         return
     travelled = lengths_along(pixels)
-    ends = np.arange(0.0, travelled[-1], dash / 2)
+    ends = np.arange(0.0, travelled[-1], 7.0)
     x, y = points_at(pixels, travelled, ends).T
     for i in range(0, len(ends) - 1, 2):
         pygame.draw.line(surface, colour, (x[i], y[i]), (x[i + 1], y[i + 1]), width)

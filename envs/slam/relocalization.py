@@ -71,12 +71,12 @@ After a drive of twice this distance without a scan, odometry may be as far off.
 class LocalizationMonitor:
     """Monitor that detects a lost robot by scans that do not fit the map, and relocalizes the robot."""
 
-    def __init__(self, lidar: LidarParams, lost_scans: int = LOST_SCANS, has_odometry: bool = True) -> None:
-        """Create a monitor; the robot is lost after `lost_scans` consecutive scans that do not fit the map.
+    def __init__(self, lidar: LidarParams, has_odometry: bool = True) -> None:
+        """Create a monitor; the robot is lost after `LOST_SCANS` consecutive scans that do not fit the map.
 
         Without odometry, one fitting scan ends the lost state.
         """
-        self._lost_scans, self._has_odometry = lost_scans, has_odometry
+        self._has_odometry = has_odometry
         self._geometry = ScanGeometry.of(lidar)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
@@ -97,7 +97,7 @@ class LocalizationMonitor:
     @property
     def is_lost(self) -> bool:
         """Whether too many consecutive scans did not fit the map."""
-        return self._mismatches >= self._lost_scans
+        return self._mismatches >= LOST_SCANS
 
     def update(
         self,
@@ -131,7 +131,7 @@ class LocalizationMonitor:
                 is_crossing = judged >= LEAST_JUDGED and crossing > MAX_CROSSING * judged
                 self._num_crossing = self._num_crossing + 1 if is_crossing else 0
                 if self._num_crossing >= CROSSING_SCANS:
-                    fits, self._mismatches = False, self._lost_scans
+                    fits, self._mismatches = False, LOST_SCANS
         if self.is_lost and self._num_consistent >= RECOVERY_SCANS:
             self.reset()
             self.is_found = True

@@ -14,13 +14,14 @@ MAX_OFFSET = 3.0
 """Maximum distance of a scan point from its line, in standard deviations of the points in the cell."""
 MAX_ROUGHNESS = 0.3
 """Maximum ratio of the standard deviations of points across and along a line."""
-SHIFT = 0.382
-"""Shift of the cells from one iteration to the next, as a fraction of their side. Walls on borders then vary."""
+NUM_STEPS, SHIFT = 12, 0.382
+"""Number of Gauss-Newton steps, and shift of the cells from one step to the next, as a fraction of their side. Walls on
+borders then vary."""
 PRIOR_STD = np.array([0.05, 0.05, 0.02])
 """Assumed standard deviation of the poses before [m, m, rad]; fixes directions without walls."""
 
 
-def align_scans(ranges: np.ndarray, poses: np.ndarray, lidar: LidarParams, iterations: int = 12) -> np.ndarray:
+def align_scans(ranges: np.ndarray, poses: np.ndarray, lidar: LidarParams) -> np.ndarray:
     """Refine the base poses of scans, shape (n, 3) [m, m, rad]; the first pose is kept.
 
     All scan points together form lines in square cells, and Gauss-Newton steps minimise the distances of each scan's
@@ -31,15 +32,14 @@ def align_scans(ranges: np.ndarray, poses: np.ndarray, lidar: LidarParams, itera
         ranges: scans, shape (n, num_beams), float32 [m].
         poses: base poses before, shape (n, 3), float64, map frame [m, m, rad].
         lidar: beam geometry.
-        iterations: number of Gauss-Newton steps.
     """
     geometry, is_hit = ScanGeometry.of(lidar), (ranges > 0.0) & (ranges < lidar.range_max)
     scan, points = np.nonzero(is_hit)[0], np.array([scan_ends(row, geometry) for row in ranges])[is_hit].T
     aligned = poses.astype(np.float64)
-    for k in range(iterations):
+    for k in range(NUM_STEPS):
         c, s = np.cos(aligned[scan, 2]), np.sin(aligned[scan, 2])
         turned = np.array([c * points[0] - s * points[1], s * points[0] + c * points[1]])
-        cell = CELLS[2 * k // iterations]
+        cell = CELLS[2 * k // NUM_STEPS]
         normals, offsets, weights = _lines((turned + aligned[scan, :2].T) / cell + k * SHIFT, cell)
         slopes = np.array([*normals, normals[1] * turned[0] - normals[0] * turned[1]])
         hessian, right = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))

@@ -212,10 +212,10 @@ class Coverage:
         return TrueScan(ranges, x, y, pose.theta + yaw + angle_min, *self._beams)
 
 
-def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance: float = 0.1) -> float:
+def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D) -> float:
     """Return the intersection over union of occupied map cells and visible true walls.
 
-    Cells match within `tolerance` [m]. `start` is the pose of the map frame, world frame.
+    Cells match within 0.1 m. `start` is the pose of the map frame, world frame.
     """
     walls = area.walls
     wall = walls.data > 0
@@ -224,7 +224,7 @@ def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance:
     inside = walls.contains(cells)
     mapped = np.zeros_like(wall)
     mapped[tuple(cells[inside].T)] = True
-    reach = tolerance / walls.resolution
+    reach = 0.1 / walls.resolution
     near_wall = ndimage.distance_transform_edt(~wall) <= reach
     near_mapped = ndimage.distance_transform_edt(~mapped) <= reach if mapped.any() else np.zeros_like(wall)
     hits = int(np.count_nonzero(visible_wall & near_mapped))

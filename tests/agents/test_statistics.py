@@ -5,7 +5,6 @@ from scipy import stats
 from lidarnaut.agents.statistics import (
     curve_band,
     estimate,
-    gap_closed,
     paired_difference,
     performance_profile,
     probability_of_improvement,
@@ -68,21 +67,6 @@ def test_a_performance_profile_is_the_share_above_each_threshold():
     assert (low[1], high[1]) == (0.5, 1.0)
     # Across worlds, the number of samples above 0.5 would vary.
     assert (low[2], high[2]) == (0.5, 0.5)
-
-
-def test_the_gap_closed_is_the_gain_over_the_gain_of_the_bound():
-    bound = [np.array([0.10, 0.20, 0.30, 0.40]), np.array([0.2, 0.4])]
-    assert gap_closed([0.25 * gain for gain in bound], bound)[:3] == pytest.approx((0.25, 0.25, 0.25))
-    assert gap_closed(bound, bound)[:3] == pytest.approx((1.0, 1.0, 1.0))
-    assert gap_closed([-gain for gain in bound], bound).iqm == pytest.approx(-1.0)
-    # The middle half of the gains is (1, 2) of (0, 1, 2, 30), and (4, 6) of the bound's gains.
-    found = gap_closed([np.array([0.0, 1.0, 2.0, 30.0])], [np.array([2.0, 4.0, 6.0, 80.0])])
-    assert found.iqm == pytest.approx(1.5 / 5.0)
-    assert found.low < 0.3 < found.high
-    # A bound without a clear gain has no gap.
-    found = gap_closed([np.array([0.1, 0.2, 0.1])], [np.array([0.5, -0.4, -0.3])])
-    assert np.isnan(found[:3]).all()
-    assert found.n == 3
 
 
 def test_lower_bounds_show_where_they_decide():

@@ -11,7 +11,6 @@ from lidarnaut.benchmarks.drives.localization import compare_amcl, load_known_wo
 from lidarnaut.benchmarks.drives.maps import wrong_cells
 from lidarnaut.benchmarks.drives.recording import Drive, first_time, right_since, run_each
 from lidarnaut.benchmarks.drives.slams import compare_kidnapped, compare_slams
-from lidarnaut.benchmarks.drives.times import time_amcl, time_planning
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.rendering import style
 from tests.data import INTEL, needs_intel
@@ -120,15 +119,6 @@ def test_a_robot_is_tracked_localized_and_kidnapped():
     assert row["tracking_rmse_deg"] < 0.7
     assert row["global_success_up_to_symmetry"] >= row["global_success"]
     assert 0 <= row["confident_and_wrong"] < 0.5
-
-
-def test_updates_and_planning_are_timed(monkeypatch):
-    monkeypatch.setattr("lidarnaut.benchmarks.drives.times.REPEATS", 1)
-    rows = time_amcl()
-    assert [row["particles"] for row in rows[:5]] == [1000, 1000, 2000, 2000, 100_000]
-    assert all(row["update_us"] > 0.0 for row in rows)
-    (row,) = time_planning(("turtlebot3_dqn_stage1",))
-    assert all(row[f"{cost}_us"] > 0.0 for cost in ("astar_across", "smooth_across", "is_path_valid", "take_a_scan"))
 
 
 def test_symmetries_of_a_rectangle_and_of_an_l():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lidarnaut.benchmarks.films import NUM_FRAMES, Film, main, save_film
+from lidarnaut.benchmarks.films import NUM_FRAMES, main, record, save_film
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.rendering import style
 from lidarnaut.envs.tasks.explore import Explore
@@ -11,7 +11,7 @@ from lidarnaut.envs.tasks.explore import Explore
 @pytest.mark.parametrize("periods", [10, 47, 48, 49, 500, 5000])
 def test_pictures_are_at_equal_intervals(periods):
     class Clock(LidarEnv):
-        control_period, time, plan = 0.1, 0.0, None
+        control_period, time = 0.1, 0.0
 
         def __init__(self):
             pass
@@ -20,26 +20,26 @@ def test_pictures_are_at_equal_intervals(periods):
             return np.full((2, 2, 3), self.time)
 
     env = Clock()
-    film = Film(env)
+    frames = record(env)
     for k in range(periods):
         env.time = 0.1 * k
         env.on_period(None)
-    gaps = np.diff([frame[0, 0, 0] for frame in film.frames])
+    gaps = np.diff([frame[0, 0, 0] for frame in frames])
     np.testing.assert_allclose(gaps, gaps[0])
-    assert min(periods, NUM_FRAMES // 2) <= len(film.frames) <= NUM_FRAMES
+    assert min(periods, NUM_FRAMES // 2) <= len(frames) <= NUM_FRAMES
 
 
 def test_a_film_of_a_drive_keeps_its_colours(tmp_path):
     env = LidarEnv(Explore, physics="kinematic", slam="truth", start="spawn", render_mode="rgb_array")
     env.reset(seed=0)
-    film = Film(env, every=1.0)
+    frames = record(env, every=1.0)
     for _ in range(25):
         env.step(np.array([1.0, 0.3], dtype=np.float32))
-    film.finish()
+    frames.append(env.render())
     env.close()
-    assert len(film.frames) == 4  # at 0.1, 1, 2 s and the end
+    assert len(frames) == 4  # at 0.1, 1, 2 s and the end
 
-    save_film(film.frames, tmp_path / "film.gif", width=640)
+    save_film(frames, tmp_path / "film.gif", width=640)
     with Image.open(tmp_path / "film.gif") as gif:
         assert gif.size == (640, 360)
         assert gif.n_frames == 4
@@ -48,7 +48,7 @@ def test_a_film_of_a_drive_keeps_its_colours(tmp_path):
             gif.seek(index)
             pictures.append(np.asarray(gif.convert("RGB")).astype(int))
     assert (pictures[0] != pictures[2]).any()
-    wanted = np.asarray(Image.fromarray(film.frames[-1]).resize((640, 360), Image.Resampling.LANCZOS)).astype(int)
+    wanted = np.asarray(Image.fromarray(frames[-1]).resize((640, 360), Image.Resampling.LANCZOS)).astype(int)
     assert (np.abs(pictures[-1] - wanted).max(axis=2) > 40).mean() < 0.005
     for colour in (style.PAPER, style.OUTSIDE, style.UNKNOWN, style.FLOOR):
         assert (pictures[-1] == colour).all(axis=2).sum() > 1000

@@ -63,20 +63,6 @@ def test_the_ranking_is_by_area_and_leaves_the_bound_out():
     assert not any(best[-columns:])
 
 
-def test_the_gap_to_the_bound_is_closed_by_known_shares():
-    episodes = related(ROWS)
-    found = {name: value.iqm for name, value in episodes.gaps_closed("quick").items()}
-    assert found == pytest.approx({"area_under_curve": 0.5, "relative_time_to_95": 0.4, "relative_distance_to_95": 0.4})
-    assert episodes.gaps_closed("slow")["relative_time_to_95"].iqm == pytest.approx(-1.0)
-    assert episodes.gaps_closed("nearest") == episodes.gaps_closed("oracle (ground truth)") == {}
-    assert leaderboard.gap_section(episodes.where(lambda row: row["policy"] != "oracle (ground truth)")) is None
-    shown = leaderboard.gap_section(episodes).parts[1].lines
-    assert [cell.text for cell in shown[0]] == ["quick", "50", "40", "40"]
-    # Without gain of the bound there is no gap.
-    level = [r | {"area_under_curve": 0.8} if r["policy"] == "oracle (ground truth)" else r for r in ROWS]
-    assert leaderboard.gap_section(related(level)).parts[1].lines[0][1].text == "-"
-
-
 def test_only_starts_that_all_competitors_share_count():
     rows = [row("a", 0), row("a", 1), row("b", 1), row("b", 2), row("oracle (ground truth)", 3)]
     assert [(r["policy"], r["seed"]) for r in Episodes(rows, MEASURES).shared()] == [("a", 1), ("b", 1)]
@@ -220,7 +206,7 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
     assert "nearest, odometry" in page
     pictures = re.findall(r"\]\((arena/[^)]+)\)", page)
     assert "## At a glance" in page[: page.index("## Leaderboard")]
-    assert len(pictures) == 3 + 4 + 2 * 3  # no verdict over four starts
+    assert len(pictures) == 4 + 2 * 3  # no verdict over four starts
     assert all((docs / picture).read_bytes().startswith(b"\x89PNG") for picture in pictures)
     names = {f"arena/{path.name}" for path in (docs / "arena").iterdir()}
     assert names == {*pictures, "arena/episodes.csv"}

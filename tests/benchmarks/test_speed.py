@@ -1,13 +1,14 @@
 import itertools
-import json
+import os
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from lidarnaut.benchmarks.speed import __main__ as command
-from lidarnaut.benchmarks.speed import designs, measuring, parts
-from lidarnaut.benchmarks.speed.designs import Design, benchmark_robot
+from lidarnaut.benchmarks.speed import designs
+from lidarnaut.benchmarks.speed.designs import Case, benchmark_robot
 from lidarnaut.benchmarks.speed.halls import GAP, make_hall
 from lidarnaut.benchmarks.speed.peers import compare as peers
 from lidarnaut.envs.files import dump_record
@@ -40,44 +41,52 @@ def test_a_hall_is_closed_passable_and_the_same_each_time(num_bodies):
     assert clearance(0.0, 0.0, hall.segments, hall.circles) > GAP
 
 
-def test_a_run_measures_all_and_writes_what_is_documented(tmp_path, monkeypatch):
-    compared = (Design("bullet"), Design("kinematic"), Design("vector", 16, 2), Design("subproc", 2))
-    monkeypatch.setattr(command, "DESIGNS", compared)
-    monkeypatch.setattr(command, "BODIES", (50,))
-    command.main(("designs", "kernels", "memory"), tmp_path / "speed.json", quick=True)
-    written = json.loads((tmp_path / "speed.json").read_text())
-    assert list(written) == ["machine", "designs", "kernels", "memory"]
-    rows = written["designs"]
-    assert [(row["name"], row["num_envs"], row["cores"]) for row in rows[:4]] == [tuple(d) for d in compared]
-    assert all(5 < row["steps_per_second"] < 1e6 for row in rows)
-    kernels = {row["kernel"]: row["us"] for row in written["kernels"]}
-    assert list(kernels) == ["cast_rays", "match", "integrate_scan", "pool_map", "crop", "advance"]
-    assert all(0 < us < 1e4 for us in kernels.values())
-    further = written["memory"][0]["MiB of a further sub-environment"]
-    assert 0.8 < further < 4.0
+def test_environments_of_all_designs_are_rows_and_halls_are_columns(monkeypatch, capsys):
+    monkeypatch.setattr(designs, "DESIGNS", [("bullet", 1, 1), ("kinematic", 16, 1), ("SubprocVecEnv", 2, 1)])
+    monkeypatch.setattr(designs, "designs", partial(itertools.islice, designs.designs(), 1))
+    command.main(("designs",), 0.05, 1)
+    *_, bullet, vector, subproc, _ = (line.split("│") for line in capsys.readouterr().out.splitlines())
+    labels = ["bullet x 1, cores: 1", "kinematic x 16, cores: 1", "SubprocVecEnv x 2, cores: 1"]
+    assert [line[1].strip() for line in (bullet, vector, subproc)] == labels
+    assert all(5 < float(line[2].replace(",", "")) < 1e6 for line in (bullet, vector, subproc))
 
 
-def test_trainings_decisions_and_simulators_are_measured(tmp_path, monkeypatch):
+def test_rates_count_the_steps_of_a_drive_and_the_warm_up_counts_not(monkeypatch):
+    clock = itertools.count(0.0, 0.25)
+    monkeypatch.setattr(command.time, "perf_counter", lambda: next(clock))
+    closed = []
+
+    def drive(number):
+        try:
+            yield 1000
+            yield from itertools.repeat(number)
+        finally:
+            closed.append(number)
+
+    available = os.sched_getaffinity(0)
+    cases = [Case("row", f"{n}", 1, partial(drive, n)) for n in (3, 8)]
+    rows = command.compare([[*cases, Case("many cores", "3", len(available) + 1, partial(drive, 3))]], 1.0, 2)
+    # Three steps begin before 1 s is over; the next look at the clock is at 1 s.
+    assert rows == [{"": "row", "3": "9", "8": "24"}]
+    assert (closed, os.sched_getaffinity(0)) == ([3, 8], available)
+
+
+def test_trainings_and_decisions_are_measured(tmp_path, monkeypatch):
     path = tmp_path / "tiny.yaml"
     path.write_text(dump_record(tiny("PPO", "Explore")))
-    for module in (measuring, designs):
-        monkeypatch.setattr(module, "TRAININGS", (str(path),))
-    (row,) = measuring.trainings({1: lambda function, *arguments: function(*arguments)}, 0.0, 1)
-    measuring.open_cases([])
-    assert (row["training"], row["cores"]) == (str(path), 1)
-    assert 10 < row["steps/s"] < 1e6
-    monkeypatch.setattr(parts, "NUM_DECIDING", (1, 2))
-    rows = parts.decisions(6)
-    assert [row["sub-environments"] for row in rows] == [1, 2]
-    assert all(row["decisions/s"] > 0 and row["steps/decision"] > 1 for row in rows)
-    assert all(0 < row["least us"] <= row["median us"] for row in parts.physics(1))
-
-
-def test_growth_is_drawn(tmp_path):
-    keys = itertools.product(("beams", "num_envs"), ("tinyslam", "truth"), (90, 180))
-    rows = [{"grows": key, "slam": slam, "at": at, "us": 0.3 * at} for key, slam, at in keys]
-    command.plot_growth(rows, tmp_path / "growth.png")
-    assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")
+    monkeypatch.setattr(designs, "TRAININGS", (str(path),))
+    (cases,) = designs.trainings()
+    assert [(case.row, case.column, case.cores) for case in cases] == [(str(path), f"cores: {n}", n) for n in (1, 2)]
+    training = cases[0].drive()
+    assert [next(training) for _ in range(3)] == [8, 8, 8]
+    training.close()
+    (cases,) = designs.decisions()
+    for case, num_envs in zip(cases[:2], (1, 16)):
+        deciding = case.drive()
+        assert next(deciding) == num_envs
+        deciding.close()
+    (cases,) = designs.people()
+    assert next(cases[2].drive()) == 64
 
 
 FAKE = """

@@ -6,7 +6,6 @@ import pytest
 from PIL import Image
 
 from lidarnaut.benchmarks.arena.leaderboard import ranking_sections
-from lidarnaut.benchmarks.arena.overview import worst_section
 from lidarnaut.benchmarks.arena.verdict import verdict, verdict_section
 from tests.benchmarks.explorations import related, row
 
@@ -135,15 +134,3 @@ def test_the_picture_holds_all_of_its_labels(slowest):
     pixels = np.asarray(Image.open(io.BytesIO(figure.content)).convert("L"))
     assert pixels[:, [0, -1]].min() > 240
     assert pixels[[0, -1]].min() > 240
-
-
-def test_the_worst_episodes_are_those_that_lose_most_of_the_reference(monkeypatch):
-    monkeypatch.setattr("lidarnaut.benchmarks.arena.overview.NUM_WORST_MAPS", 0)  # skips plots that need traces
-    times = [50.0, 150.0, 80.0, np.inf, 120.0, 90.0, 70.0, 60.0]
-    section = worst_section(None, related([*episodes("nearest", BASE), *episodes("mine", times)]))
-    assert section.title == "Where mine does worst"
-    lines = section.parts[1].lines
-    assert [line[0].text for line in lines] == [f"maze, seed {seed}" for seed in (3, 1, 4, 5, 2)]
-    assert [line[1].text for line in lines] == ["never", "150", "120", "90", "80"]
-    assert [line[3].text for line in lines[:2]] == ["10.00", "1.50"]
-    assert worst_section(None, related(episodes("nearest", BASE))) is None

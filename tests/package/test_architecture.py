@@ -84,7 +84,7 @@ READERS = {
 READ_ANYTHING = {
     "envs/files/archives.py", "envs/files/yaml_models.py", "envs/player/page.py", "agents/package_policy.py",
     "benchmarks/demo.py",
-    "benchmarks/drives/localization.py", "benchmarks/speed/__main__.py", "benchmarks/speed/peers/step.py",
+    "benchmarks/drives/localization.py", "benchmarks/speed/peers/step.py",
     "envs/vector/workers.py",
     "envs/compilation.py",
 }  # fmt: skip

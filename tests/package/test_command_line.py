@@ -95,7 +95,7 @@ def test_wrong_settings_are_one_plain_line_under_the_name_that_was_called(main, 
     assert said.count("\n") == 1
 
 
-DRIVES, FILMS = "lidarnaut.benchmarks.drives planning --worlds atlantis", f"{ROOT}/benchmarks/films.py --policy"
+DRIVES, FILMS = "lidarnaut.benchmarks.drives slam --drives atlantis:create3", f"{ROOT}/benchmarks/films.py --policy"
 
 
 @pytest.mark.parametrize(("command", "says"), [(DRIVES, "drives: unknown world 'atlantis'"), (FILMS, "films.py: ")])

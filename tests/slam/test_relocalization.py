@@ -90,16 +90,16 @@ NOTHING = np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
 
 
 def test_a_scan_that_fits_ends_the_doubt_but_not_a_loss(grid):
-    tracker, seen = LocalizationMonitor(LIDAR, 2), []
-    for fits in (None, False, True, False, None, False, True, None):
+    tracker, seen = LocalizationMonitor(LIDAR), []
+    for fits in (None, False, True, False, None, False, False, True, None):
         instead = tracker.update(NOTHING, MOTION, MOTION, fits, grid)
         seen.append((instead, tracker.has_mismatch, tracker.is_lost))
     free, doubt, lost = (None, False, False), (MOTION, True, False), (MOTION, True, True)
-    assert seen == [free, doubt, free, doubt, (None, True, False), lost, lost, lost]
+    assert seen == [free, doubt, free, doubt, (None, True, False), doubt, lost, lost, lost]
 
 
 def test_without_odometry_one_scan_that_fits_ends_a_loss(grid):
-    tracker, lost = LocalizationMonitor(LIDAR, 3, has_odometry=False), []
+    tracker, lost = LocalizationMonitor(LIDAR, has_odometry=False), []
     for fits in (False, False, None, False, None, True, False):
         tracker.update(NOTHING, STAY, STAY, fits, grid)
         lost.append(tracker.is_lost)
@@ -107,7 +107,7 @@ def test_without_odometry_one_scan_that_fits_ends_a_loss(grid):
 
 
 def test_a_robot_that_sees_through_walls_is_lost_however_well_hits_fit(grid):
-    tracker, outside = LocalizationMonitor(LIDAR, 3), Pose2D(2.6, -1.6, 0.0)  # in a corner
+    tracker, outside = LocalizationMonitor(LIDAR), Pose2D(2.6, -1.6, 0.0)  # in a corner
     inside = scan(STAY)
     lost = []
     for ranges in [inside] * 2 + [scan(outside)] + [inside] * 6:
@@ -118,7 +118,7 @@ def test_a_robot_that_sees_through_walls_is_lost_however_well_hits_fit(grid):
 
 
 def test_among_people_beams_through_what_the_map_shows_are_no_loss_and_scans_that_fit_end_one(grid):
-    tracker, corner, lost = LocalizationMonitor(LIDAR, 3), Pose2D(2.6, -1.6, 0.0), []
+    tracker, corner, lost = LocalizationMonitor(LIDAR), Pose2D(2.6, -1.6, 0.0), []
     tracker.meets_people = True
     for fits in [True] * 6 + [False] * 3 + [True] * 5:
         tracker.update(scan(STAY), corner, corner, fits, grid)

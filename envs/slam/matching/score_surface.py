@@ -61,19 +61,19 @@ def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_widt
 
 
 @cache
-def _offsets(shape: tuple[int, ...], step: float, turn_step: float) -> np.ndarray:
-    steps = np.array([[turn_step], [step], [step]])
+def _offsets(shape: tuple[int, ...], step: float) -> np.ndarray:
+    steps = np.array([[TURN_STEP], [step], [step]])
     offsets: np.ndarray = (np.indices(shape).reshape(3, -1) - np.array(shape)[:, None] // 2) * steps
     return np.ascontiguousarray(offsets[::-1])
 
 
-def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP) -> np.ndarray:
+def second_moments(scores: np.ndarray, step: float) -> np.ndarray:
     """Return second moments of the pose about a match, shape (3, 3), from scores of nearby poses.
 
-    `step` [m], `turn_step` [rad]: distances between scored poses.
+    `step`: distance between scored poses [m].
     """
     weights = np.exp((scores.ravel() - scores.max()) / TEMPERATURE)
-    d = _offsets(scores.shape, step, turn_step)
+    d = _offsets(scores.shape, step)
     moments: np.ndarray = (d * weights) @ d.T / weights.sum()
     return moments
 

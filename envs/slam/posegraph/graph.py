@@ -40,12 +40,12 @@ class Graph(NamedTuple):
 class PoseGraph:
     """Growing pose graph of nodes, submaps and constraints, map frame [m, m, rad]."""
 
-    def __init__(self, capacity: int = 64) -> None:
-        self._submaps = GrowingArray((3,), np.float64, capacity)
-        self._nodes = GrowingArray((3,), np.float64, capacity)
+    def __init__(self) -> None:
+        self._submaps = GrowingArray((3,), np.float64, 64)
+        self._nodes = GrowingArray((3,), np.float64, 64)
         shapes: list[tuple[int, ...]] = [(), (), (3,), (3, 3), (), ()]
         kinds = (np.int32, np.int32, np.float64, np.float64, np.bool_, np.bool_)
-        self._constraints = [GrowingArray(shape, kind, 2 * capacity) for shape, kind in zip(shapes, kinds)]
+        self._constraints = [GrowingArray(shape, kind, 128) for shape, kind in zip(shapes, kinds)]
 
     @property
     def arrays(self) -> Graph:

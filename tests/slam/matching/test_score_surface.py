@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.slam.matching.fields import build_pyramid
-from lidarnaut.envs.slam.matching.score_surface import TEMPERATURE, match_covariance, second_moments, surface_scores
+from lidarnaut.envs.slam.matching.score_surface import (
+    TEMPERATURE,
+    TURN_STEP,
+    match_covariance,
+    second_moments,
+    surface_scores,
+)
 
 from ..rooms import FLAT, rectangle, render_field, visible_points
 
@@ -15,10 +21,11 @@ def pyramid_of(walls, poses, range_max=10.0):
 
 def test_moments_of_a_quadratic_surface_are_its_covariance():
     covariance = np.array([[0.09, 0.03, 0.0], [0.03, 0.04, 0.0], [0.0, 0.0, 0.0004]])
-    offsets = np.meshgrid(np.arange(-6, 7) * 0.01, np.arange(-25, 26) * 0.05, np.arange(-25, 26) * 0.05, indexing="ij")
+    turns, steps = np.arange(-6, 7) * TURN_STEP, np.arange(-25, 26) * 0.05
+    offsets = np.meshgrid(turns, steps, steps, indexing="ij")
     d = np.stack(offsets[::-1], axis=-1)
     scores = 0.8 - 0.5 * TEMPERATURE * np.einsum("...i,ij,...j", d, np.linalg.inv(covariance), d)
-    found = second_moments(scores, 0.05, 0.01)
+    found = second_moments(scores, 0.05)
     np.testing.assert_allclose(found, covariance, rtol=0.02, atol=1e-6)
 
 
