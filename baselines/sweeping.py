@@ -132,7 +132,7 @@ class SweepNavigator(GoalNavigator):
         self._position = pose[:2]
         twist = super().act(reading, belief)
         ((x, y),) = pose.inverse().transform(np.array([self.target or self._position]))
-        is_at_wall = self._has_path and twist.v <= 0.0 and 4.0 * abs(y) < x < 2.0 * self._robot.radius
+        is_at_wall = self._attempt.has_path and twist.v <= 0.0 and 4.0 * abs(y) < x < 2.0 * self._robot.radius
         if is_at_wall or self.end_reason in ("arrived", "no_path", "stuck"):
             self._advance(pose)
         return twist

@@ -20,7 +20,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import PEOPLE
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import Observations, Tracks, make_parts, write_entries
-from lidarnaut.envs.period import TIME_TOLERANCE, Period, shared_info, why_not_fused
+from lidarnaut.envs.period import TIME_TOLERANCE, Period, robots_info, why_not_fused
 from lidarnaut.envs.randomization import Randomization, Ranges
 from lidarnaut.envs.rendering.overlay import Overlay
 from lidarnaut.envs.rendering.scene import Scene, scene_of
@@ -313,15 +313,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         info: dict[str, Any] = self._blank | self.task.metrics()
         if self.randomization is not None:
             info["randomized"] = dict(self.randomization.values)
-        shared = shared_info(self.rows.numbers)
-        info["time"], info["rewards"], info["pose_error"] = self.time, rewards, shared["pose_error"]
-        if self.task.is_team:
-            info["path_length"] = shared["path_length"].copy()
-            info["collisions"] = shared["collisions"].astype(np.int64)
-        else:
-            info["pose_error"], info["path_length"] = info["pose_error"][0], float(shared["path_length"][0])
-            info["collisions"] = int(shared["collisions"][0])
-        return info
+        info["time"], info["rewards"] = self.time, rewards
+        return info | robots_info(self.period.numbers, is_team=self.task.is_team)
 
     def prepare(self) -> None:
         """Draw the next world in advance if the task permits this (`sampler_ahead`).

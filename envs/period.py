@@ -210,10 +210,12 @@ def extend_trails(
     return estimated
 
 
-def shared_info(numbers: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the entries of `info` that all tasks have, as columns over robots."""
-    columns = {"time": numbers[:, at.TIME], "pose_error": pose_errors(numbers)}
-    return columns | {"path_length": numbers[:, at.PATH_LENGTH], "collisions": numbers[:, at.COLLISIONS]}
+def robots_info(numbers: np.ndarray, *, is_team: bool) -> dict[str, Any]:
+    """Return the entries of `info` on robots that all tasks have: arrays for a team, else numbers."""
+    errors, lengths, collisions = pose_errors(numbers), numbers[:, at.PATH_LENGTH], numbers[:, at.COLLISIONS]
+    if is_team:
+        return {"pose_error": errors, "path_length": lengths.copy(), "collisions": collisions.astype(np.int64)}
+    return {"pose_error": errors[0], "path_length": float(lengths[0]), "collisions": int(collisions[0])}
 
 
 class Batch(Period):
@@ -385,7 +387,9 @@ class Batch(Period):
                 terms = self.envs[i].reward_terms(row)
                 self._arrays.rewards[i] = tasks[i].rewards.checked_total(terms)
                 records.note(i, {"rewards": terms}, ("rewards",))
-        for name, column in (shared_info(numbers) | {"time": self._times} | metrics).items():
+        info: dict[str, np.ndarray] = {"time": self._times, "pose_error": pose_errors(numbers), **metrics}
+        info |= {"path_length": numbers[:, at.PATH_LENGTH], "collisions": numbers[:, at.COLLISIONS]}
+        for name, column in info.items():
             records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
         if not self.updates_rows:
             self._note_metrics(chosen, records)

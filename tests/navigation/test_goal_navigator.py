@@ -104,7 +104,7 @@ def test_a_heading_counts_unless_the_tolerance_is_pi():
     assert abs(pose.theta - 2.5) < 0.15
     navigator.set_tolerances(0.1, math.pi)
     navigator.set_goal((2.0, 0.0, 2.5))
-    assert (navigator._heading, navigator._tolerance) == (None, navigator.params.goal_tolerance)
+    assert (navigator._attempt.heading, navigator._tolerance) == (None, navigator.params.goal_tolerance)
 
 
 def test_a_corridor_hardly_wider_than_the_robot_is_passed_without_contact():

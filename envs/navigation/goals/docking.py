@@ -137,7 +137,7 @@ class DockNavigator(GoalNavigator):
             twist = super().act(reading, belief)
             self._blocked_steps += self._distance(belief.pose) < max(STAGING_DISTANCES)
             if self.end_reason == "arrived":
-                self.end_reason, self._has_path, self._blocked_steps = None, False, 0
+                self.end_reason, self._attempt.has_path, self._blocked_steps = None, False, 0
                 self._to_dock = belief.pose.between(self._docked)
             elif self._blocked_steps * self._period > BLOCKED_TIME or self.end_reason in ("no_path", "stuck"):
                 self._retry("blocked")

@@ -1,5 +1,6 @@
 """Navigation to goals, on known maps or maps that grow during the drive."""
 
+import dataclasses
 import logging
 import math
 from collections.abc import Callable, Sequence
@@ -109,6 +110,37 @@ class GoalParams:
     """Maximum time without a valid lidar range [s]."""
 
 
+@dataclasses.dataclass(slots=True)
+class Attempt:
+    """State of the drive to the present goal."""
+
+    num_counted: int = 0
+    """Recovery behaviors of the navigator that are counted."""
+    search_points: list[tuple[float, float]] = dataclasses.field(default_factory=list)
+    """Points (x, y) near the goal that are still to be searched, map frame [m]."""
+    heading: float | None = None
+    """Heading at the goal, map frame [rad]; None for any."""
+    has_path: bool = False
+    has_planned: bool = False
+    is_turning: bool = False
+    num_searches: int = 0
+    """Failed path searches in succession."""
+    level: int = 0
+    """Index of the footprint radius that paths are searched with."""
+
+
+@dataclasses.dataclass(slots=True)
+class Clock:
+    """Control periods since the reset, and in succession without localization or without a valid range."""
+
+    steps: int = 0
+    lost_steps: int = 0
+    blind_steps: int = 0
+    waited_until: float = -math.inf
+    """Time at which the robot stops waiting [s]."""
+    was_localized: bool = False
+
+
 class GoalNavigator(Explorer):
     """Drives a robot to one goal at a time, along planned paths.
 
@@ -131,7 +163,7 @@ class GoalNavigator(Explorer):
         self.end_reason: str | None = None
         """Reason why the drive ended: "arrived" (by pose estimate), "no_path", "stuck", "lost" or "blind"; None while
         driving."""
-        self._has_path = False
+        self._attempt = Attempt()
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._robot, self._period = robot, control_period
@@ -143,25 +175,19 @@ class GoalNavigator(Explorer):
         tracks = self.params.track_people
         self._tracker = PeopleTracker(robot.lidar, control_period, SENSITIVE_TRACKER) if tracks else None
         self.tracks = NO_TRACKS
-        self._waited_until = -math.inf
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)
         self.map: PlanningMap | None = None
         """Map for path planning; None before the first `act`."""
         self._allow_unknown, self._margin = bool(self.params.allow_unknown), UNKNOWN_MARGIN
         self._time = -math.inf
-        self._steps = self._lost_steps = self._blind_steps = 0
-        self._was_localized, self._takes_headings = False, True
+        self._clock, self._takes_headings = Clock(), True
         self._tolerance, self._heading_tolerance = self.params.goal_tolerance, self.params.heading_tolerance
         self._forget_goal()
 
     def _forget_goal(self) -> None:
         self.goal = self.target = self.end_reason = None
-        self._search_points: list[tuple[float, float]] = []
         self.num_recoveries = 0
-        self._heading: float | None = None
-        self._has_path = self._has_planned = self._is_turning = False
-        self._num_counted = int(self._navigator.record["recoveries"])
-        self._num_searches = self._level = 0
+        self._attempt = Attempt(num_counted=int(self._navigator.record["recoveries"]))
 
     @property
     def is_driving(self) -> bool:
@@ -170,7 +196,7 @@ class GoalNavigator(Explorer):
     @property
     def plan(self) -> np.ndarray | None:  # type: ignore[override]
         """Remaining path, shape (n, 2), map frame [m]; None without a path."""
-        return self._planner.remaining if self.is_driving and self._has_path else None
+        return self._planner.remaining if self.is_driving and self._attempt.has_path else None
 
     def set_tolerances(self, distance: float, heading: float) -> None:
         """Set the goal tolerances of a task [m, rad] before `set_goal`.
@@ -191,12 +217,12 @@ class GoalNavigator(Explorer):
             raise ValueError(f"goal and heading must be finite, got {tuple(goal)} and {heading}")
         self._forget_goal()
         self.goal = self.target = float(goal[0]), float(goal[1])
-        self._heading = heading
+        self._attempt.heading = heading
         step = SEARCH_STEP if heading is None else min(SEARCH_STEP, 2.0 * self._tolerance)
         for r in np.arange(step, self.params.search_radius + 1e-9, step):
             angles = np.arange(0.0, 2.0 * math.pi, step / r)
             points = np.column_stack([self.goal[0] + r * np.cos(angles), self.goal[1] + r * np.sin(angles)])
-            self._search_points += map(tuple, points.tolist())
+            self._attempt.search_points += map(tuple, points.tolist())
         if self.map is not None and self._allow_unknown:
             self.map.reach_beyond([self.goal], self._margin)
 
@@ -215,7 +241,7 @@ class GoalNavigator(Explorer):
             self.map = PlanningMap(self._robot, belief.grid.resolution, planning)
         if self._allow_unknown and self.goal is not None and not self._is_inside(belief.pose):
             self.map.reach_beyond([self.goal, belief.pose[:2]], self._margin)
-        self._has_path &= not update.redrawn
+        self._attempt.has_path &= not update.redrawn
         self.map.update(belief.grid, update.window, redrawn=update.redrawn)
         return self.map
 
@@ -230,16 +256,16 @@ class GoalNavigator(Explorer):
         has_failed = self._sense(reading, pose)
         if self._tracker is not None:
             self.tracks = self._planner.tracks = self._tracker.update(reading.ranges, navigator.motion)
-        self._blind_steps = self._blind_steps + 1 if np.isnan(reading.ranges).all() else 0
-        if self._blind_steps * self._period > self.params.blind_time and self.is_driving:
+        self._clock.blind_steps = self._clock.blind_steps + 1 if np.isnan(reading.ranges).all() else 0
+        if self._clock.blind_steps * self._period > self.params.blind_time and self.is_driving:
             self.end_reason = "blind"
-        if self._blind_steps > 0 or not self.is_driving:
+        if self._clock.blind_steps > 0 or not self.is_driving:
             return STOP
-        if reading.bumper and not self._has_path and not navigator.is_recovering:
+        if reading.bumper and not self._attempt.has_path and not navigator.is_recovering:
             navigator.recover()
         if has_failed:
-            self._waited_until = reading.time + DETOUR_TIME
-        if has_failed or navigator.record["recoveries"] > self._num_counted:
+            self._clock.waited_until = reading.time + DETOUR_TIME
+        if has_failed or navigator.record["recoveries"] > self._attempt.num_counted:
             self._count_recovery(reading, pose, planning)
         if not self.is_driving:
             return STOP
@@ -251,11 +277,11 @@ class GoalNavigator(Explorer):
             return STOP
         if self._is_due(self.params.update_period):
             ranges = reading.ranges
-            if belief.on_people is not None and reading.time >= self._waited_until:
+            if belief.on_people is not None and reading.time >= self._clock.waited_until:
                 ranges = np.where(belief.on_people, np.float32(np.nan), ranges)
             planning.integrate(pose, ranges, self._robot.lidar)
         is_at_goal = self._is_at_goal(pose)
-        turn = 0.0 if self._heading is None else wrap_angle(self._heading - pose.theta)
+        turn = 0.0 if self._attempt.heading is None else wrap_angle(self._attempt.heading - pose.theta)
         is_turning, final_turn = abs(turn) > self._heading_tolerance, Twist(0.0, turn_rate(turn, navigator.numbers))
         if is_at_goal and is_turning:
             navigator.record["stuck_steps"] = -1  # not stuck; stalled turns still count
@@ -264,14 +290,18 @@ class GoalNavigator(Explorer):
         elif is_at_goal and not self._next_search_point(pose, planning):
             self.end_reason = "arrived"
             return STOP
-        if self._has_path and self._is_due(self.params.check_period):
+        if self._attempt.has_path and self._is_due(self.params.check_period):
             path = self._planner.remaining
             is_near = float(np.hypot(*(path - pose[:2]).T).min()) <= self.params.stray_distance
-            costmap, allow_unknown = planning.costmap(self._level, pose), self._allow_unknown
-            self._has_path = is_near and is_path_valid(costmap, path, allow_unknown=allow_unknown)
-        if not self._has_path and not self._find_path(pose, planning):
+            costmap, allow_unknown = planning.costmap(self._attempt.level, pose), self._allow_unknown
+            self._attempt.has_path = is_near and is_path_valid(costmap, path, allow_unknown=allow_unknown)
+        if not self._attempt.has_path and not self._find_path(pose, planning):
             return navigator.command(pose) if self.is_driving else STOP
-        if self._heading is not None and not self._planner.turns_at_goal and self._distance(pose) <= APPROACH_DISTANCE:
+        if (
+            self._attempt.heading is not None
+            and not self._planner.turns_at_goal
+            and self._distance(pose) <= APPROACH_DISTANCE
+        ):
             navigator.follow(self._planner.remaining)
             return navigator.command(pose)
         twist: Twist = self._planner.command(pose, navigator.velocity, navigator.obstacles)
@@ -283,14 +313,14 @@ class GoalNavigator(Explorer):
             times = f"the reading is at {reading.time:.2f} s, the previous reading at {self._time:.2f} s"
             raise ValueError(f"time went backwards: {times}; call reset for a new episode")
         is_first, self._time = math.isinf(self._time), reading.time
-        self._steps += 1
-        if self._has_path and self.is_driving and not is_first:
+        self._clock.steps += 1
+        if self._attempt.has_path and self.is_driving and not is_first:
             return self._navigator.update(reading, pose) == FAILED
         (self._navigator.reset if is_first else self._navigator.sense)(reading)
         return False
 
     def _is_due(self, period: float) -> bool:
-        return self._steps % max(1, round(period / self._period)) == 0
+        return self._clock.steps % max(1, round(period / self._period)) == 0
 
     def _distance(self, pose: Pose2D) -> float:
         assert self.target is not None
@@ -298,17 +328,17 @@ class GoalNavigator(Explorer):
 
     def _is_at_goal(self, pose: Pose2D) -> bool:
         # Planners stop slightly off a path's end. A turn may move the pose estimate.
-        is_near = self._distance(pose) <= self._tolerance * (1.5 if self._is_turning else 1.0)
-        self._is_turning = is_near and self._heading is not None
+        is_near = self._distance(pose) <= self._tolerance * (1.5 if self._attempt.is_turning else 1.0)
+        self._attempt.is_turning = is_near and self._attempt.heading is not None
         return is_near
 
     def _next_search_point(self, pose: Pose2D, planning: PlanningMap) -> bool:
         costmap = planning.costmap(0, pose)
-        while self._search_points:
-            self.target = self._search_points.pop(0)
+        while self._attempt.search_points:
+            self.target = self._attempt.search_points.pop(0)
             path = plan_path(costmap, pose[:2], self.target)
             if path is not None and np.hypot(*np.diff(path, axis=0).T).sum() <= SEARCH_PATH:
-                self._has_path = False
+                self._attempt.has_path = False
                 return True
         return False
 
@@ -319,34 +349,34 @@ class GoalNavigator(Explorer):
         levels = range(planning.max_level + 1)
         num_fitting = NUM_FITTING if allow_unknown else len(levels)
         attempts = *product((False, True), levels[:num_fitting]), *product((True,), levels[num_fitting:])
-        for forget, self._level in attempts:
+        for forget, self._attempt.level in attempts:
             if forget and allow_unknown and self._margin < MAX_UNKNOWN_MARGIN:
                 self._margin *= 2.0
                 planning.reach_beyond([self.goal, pose[:2]], self._margin)
                 return False
-            if forget and self._level == 0:
+            if forget and self._attempt.level == 0:
                 planning.clear_marks()
-            costmap = planning.costmap(self._level, pose)
+            costmap = planning.costmap(self._attempt.level, pose)
             path = self._plan(pose, costmap, drive_out=forget)
             if path is not None:
-                if self._heading is not None and math.dist(path[-1], self.target) < planning.side:
+                if self._attempt.heading is not None and math.dist(path[-1], self.target) < planning.side:
                     path[-1] = self.target
                 path = smooth_path(costmap, path, allow_unknown=allow_unknown)
-                ending = (self._heading, self._tolerance) if self._planner.turns_at_goal else ()
+                ending = (self._attempt.heading, self._tolerance) if self._planner.turns_at_goal else ()
                 self._planner.set_path(path, *ending)
-                self._navigator.drive_to(path, keep_clocks=self._has_planned)
-                if not self._has_planned:
-                    self._num_counted = 0
-                self._has_path = self._has_planned = True
+                self._navigator.drive_to(path, keep_clocks=self._attempt.has_planned)
+                if not self._attempt.has_planned:
+                    self._attempt.num_counted = 0
+                self._attempt.has_path = self._attempt.has_planned = True
                 return True
-        if not self._num_searches and not allow_unknown:
+        if not self._attempt.num_searches and not allow_unknown:
             LOGGER.warning("no path to the goal: %s", self._blocked(pose, costmap))
-        self._num_searches += 1
-        if self.params.max_searches is not None and self._num_searches >= self.params.max_searches:
+        self._attempt.num_searches += 1
+        if self.params.max_searches is not None and self._attempt.num_searches >= self.params.max_searches:
             self.end_reason = "no_path"
         else:
             self._navigator.spin()
-            self._num_counted = 0
+            self._attempt.num_counted = 0
         return False
 
     def _plan(self, pose: Pose2D, costmap: Costmap, *, drive_out: bool) -> np.ndarray | None:
@@ -372,9 +402,9 @@ class GoalNavigator(Explorer):
 
     def _count_recovery(self, reading: Reading, pose: Pose2D, planning: PlanningMap) -> None:
         navigator = self._navigator
-        if navigator.record["recoveries"] == self._num_counted:
+        if navigator.record["recoveries"] == self._attempt.num_counted:
             navigator.recover()
-        self._num_counted = int(navigator.record["recoveries"])
+        self._attempt.num_counted = int(navigator.record["recoveries"])
         self.num_recoveries += 1
         if self.params.max_recoveries is not None and self.num_recoveries > self.params.max_recoveries:
             self.end_reason = "stuck"
@@ -384,22 +414,22 @@ class GoalNavigator(Explorer):
             bearings = np.linspace(-0.5, 0.5, 5) + (0.0 if navigator.record["forward"] else math.pi)
             touched = (self._robot.radius + 0.05) * np.column_stack([np.cos(bearings), np.sin(bearings)])
             planning.mark(pose.transform(touched))
-        self._has_path = False
+        self._attempt.has_path = False
 
     def _is_lost(self, is_lost: bool, planning: PlanningMap) -> bool:
-        patience = self.params.lost_patience if self._was_localized else 0.0
-        lost_for = self._lost_steps * self._period - patience
+        patience = self.params.lost_patience if self._clock.was_localized else 0.0
+        lost_for = self._clock.lost_steps * self._period - patience
         if not is_lost:
             if lost_for > 0.0:
                 planning.clear_marks()
-                self._has_path = False
-            self._lost_steps, self._was_localized = 0, True
+                self._attempt.has_path = False
+            self._clock.lost_steps, self._clock.was_localized = 0, True
             return False
-        self._lost_steps += 1
+        self._clock.lost_steps += 1
         if lost_for >= self.params.lost_time:
             self.end_reason = "lost"
         is_driving_reactively = lost_for >= 0.0 and self.is_driving
-        self._has_path &= not is_driving_reactively
+        self._attempt.has_path &= not is_driving_reactively
         return is_driving_reactively
 
 
