@@ -2,7 +2,7 @@
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any, TypeGuard
 
@@ -52,10 +52,12 @@ def is_whole(value: Any) -> TypeGuard[int]:
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
-def read_options(options: Any) -> dict[str, Any]:
-    """Return a copy of the options of `reset`; raise ValueError if `options` is not a mapping."""
+def read_options(options: Any, allowed: Sequence[str] | None = None) -> dict[str, Any]:
+    """Return a copy of the options of `reset`; raise ValueError if `options` is no mapping or has unknown names."""
     if options is not None and not isinstance(options, Mapping):
         raise ValueError(f"options must map names to values, got {options!r}")
+    if allowed is not None and (unknown := sorted(map(str, set(options or {}) - set(allowed)))):
+        raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
     return dict(options or {})
 
 
@@ -64,6 +66,18 @@ def check_positive(**values: float) -> None:
     for name, value in values.items():
         if not (is_number(value) and value > 0):
             raise ValueError(f"{name} must be positive, got {value!r}")
+
+
+def check_render_mode(mode: Any, allowed: Sequence[str]) -> None:
+    """Raise ValueError for a mode that is neither None nor allowed."""
+    if mode is not None and mode not in allowed:
+        raise ValueError(f"render_mode must be None or one of {allowed}, got {mode!r}")
+
+
+def check_time_limit(limit: Any) -> None:
+    """Raise ValueError for a time limit [s] that is neither None nor positive; it may be infinite."""
+    if limit is not None and limit != math.inf and not (is_number(limit) and limit > 0):
+        raise ValueError(f"time_limit must be positive or None, got {limit!r}")
 
 
 def clip_hint(make_env: Callable[..., Any], actions: np.ndarray) -> str:
@@ -82,7 +96,7 @@ def read_action(action: Any) -> np.ndarray:
     return numbers
 
 
-def read_fractions(action: Any, shape: tuple[int, ...], *, clips: bool, make_env: Callable[..., Any]) -> np.ndarray:
+def read_fractions(action: Any, shape: Any, *, clips: bool, make_env: Callable[..., Any]) -> np.ndarray:
     """Return an action of fractions in [-1, 1] as an array of `shape`, float32, clipped with `clips`.
 
     `make_env`: class of the environment, for advice. ValueError for another shape, NaN, or numbers outside.

@@ -11,22 +11,28 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from lidarnaut.envs.arguments import check_positive, choose_robot, is_number, read_fractions, read_options
+from lidarnaut.envs.arguments import (
+    check_positive,
+    check_render_mode,
+    check_time_limit,
+    choose_robot,
+    read_fractions,
+    read_options,
+)
 from lidarnaut.envs.episode_worlds import EpisodeWorlds
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.files import explain_unknown, resolve
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import PEOPLE
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
-from lidarnaut.envs.observations import Observations, Tracks, make_parts, write_entries
+from lidarnaut.envs.observations import Observations, Tracks, make_parts, reset_parts, write_entries
 from lidarnaut.envs.period import TIME_TOLERANCE, Period, robots_info, why_not_fused
 from lidarnaut.envs.randomization import Randomization, Ranges
 from lidarnaut.envs.rendering.overlay import Overlay
 from lidarnaut.envs.rendering.scene import Scene, scene_of
-from lidarnaut.envs.robot import GroundTruth, Robot, reset_robots
+from lidarnaut.envs.robot import GroundTruth, Robot, reset_robots, start_tracking
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.sensor import Measured, make_sensors, measure_all
+from lidarnaut.envs.sensor import Measured, make_sensors, reset_sensors
 from lidarnaut.envs.simulation import Mover, Reading, Twist, make_simulator
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
@@ -92,18 +98,15 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     ) -> None:
         """Create an environment.
 
-        `task`: subclass of `lidarnaut.envs.task.Task`, or `module:attribute` of one. `settings`: arguments of the task.
-        The class docstring describes the other arguments.
+        `task`: subclass of `lidarnaut.envs.task.Task`, or `module:attribute` of one. `settings`: its arguments.
 
         Raises:
             ValueError: if the value of an argument is not allowed.
             TypeError: if the task has no such argument.
         """
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
+        check_render_mode(render_mode, self.metadata["render_modes"])
         check_positive(control_hz=control_hz)
-        if time_limit is not None and time_limit != math.inf and not (is_number(time_limit) and time_limit > 0):
-            raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
+        check_time_limit(time_limit)
         self.task = make_task(task, settings)
         self.robot_params = choose_robot(robot, getattr(self.task, "world", ""))
         """Nominal robot parameters; randomization changes only the simulated robot."""
@@ -115,41 +118,29 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.task.measures = (*self.task.measures, *PEOPLE)
         estimators, by_truth = [self.task.make_estimator() for _ in range(num_robots)], self.task.uses_true_motion
         self.robots = [Robot(self.robot_params, period, each, uses_true_motion=by_truth) for each in estimators]
-        self.randomization: Randomization | None = None
-        if randomize:
-            self.randomization = Randomization(randomize, self.robot_params, self.simulator.ignored)
-            self.simulator.set_robot(self.randomization.robot(self.randomization.highest))
+        self.randomization = Randomization(randomize, self.robot_params, self.simulator) if randomize else None
         self.time_limit = time_limit or math.inf
         """Maximum duration of the episode [s]."""
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(control_hz))}
         self.overlay = Overlay(num_robots)
-        """Plans, tracks and markers of the policy, for rendering."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
-        """Callback of recorders, called with None after a reset and with the commanded twists after each control
-        period."""
-        self._time_limit = time_limit
-        self.clip_actions = clip_actions
+        """Callback of recorders: None after a reset, the commanded twists after each control period."""
+        self._time_limit, self.clip_actions = time_limit, clip_actions
         self.sensors = make_sensors(sensors)
         measured = {sensor.name: partial(Measured, sensor) for sensor in self.sensors}
         chosen = self.task.default_observations() if observations is None else observations
         self.parts = make_parts(chosen, {**measured, **self.task.observation_parts()})
         space: Any = spaces.Dict({name: part.space(self.robot_params) for name, part in self.parts.items()})
         self.observation_space: Any = batch_space(space, num_robots) if self.task.is_team else space
-        for one in self.robots:
-            has_map = self.simulator.crowd.params is not None and not isinstance(one.estimator, DeadReckoning)
-            is_observed = any(isinstance(part, Tracks) for part in self.parts.values())
-            if is_observed or (has_map if track_people is None else track_people):
-                one.track_people()
+        track_people = any(isinstance(part, Tracks) for part in self.parts.values()) or track_people
+        start_tracking(self.robots, self.simulator.crowd.params is not None, track_people)
         self.uses_ground_truth |= any(getattr(part, "uses_ground_truth", False) for part in self.parts.values())
         self.action_space = spaces.Box(-1.0, 1.0, (num_robots, 2) if self.task.is_team else (2,), np.float32)
         self._worlds = EpisodeWorlds(self.task)
         self.has_begun = False
         self._blank, self.fixed_info = dict[str, Any](), fixed_info
         self.period = Period(self, CollisionMonitor(self.robot_params, period) if collision_monitor else None)
-        """Stages of a control period."""
-        for k, one in enumerate(self.robots):
-            one.peers = [*self.robots[:k], *self.robots[k + 1 :]]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -158,8 +149,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
         Args:
             seed: seed of all random numbers.
-            options: settings of this episode: `world`, `start` and `reset_options` of the task, with values as in the
-                constructor.
+            options: `world`, `start` and `reset_options` of the task for this episode, as in the constructor.
 
         Raises:
             ValueError: if an option is unknown or has a value that is not allowed.
@@ -169,10 +159,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def begin(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode as `reset` does, without computing observation and info."""
-        task, num_robots, options = self.task, len(self.robots), read_options(options)
-        allowed = ("world", "start", *task.reset_options)
-        if unknown := sorted(map(str, set(options) - set(allowed))):
-            raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
+        task, num_robots = self.task, len(self.robots)
+        options = read_options(options, ("world", "start", *task.reset_options))
         super().reset(seed=seed)
         self.has_begun = False
         task.options = {key: options[key] for key in task.reset_options if key in options}
@@ -185,27 +173,17 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         sensor_rngs = self.np_random.spawn(len(self.sensors))
         crowd_rng = self.np_random.spawn(1)[0] if self.simulator.crowd.params else None
         readings = self.simulator.reset(self.world, starts, rngs[::2], crowd_rng)
-        rows = self.simulator.rows
-        rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = task.map_pose
-        self.truths = [GroundTruth(rows, k) for k in range(num_robots)]
+        self.truths = [GroundTruth(self.rows, k) for k in range(num_robots)]
         self.period.begin()
-        for sensor, rng in zip(self.sensors, sensor_rngs, strict=True):
-            sensor.reset(self.world, rng)
-        if self.sensors:
-            extras = [measure_all(self.sensors, self.simulator, k) for k in range(num_robots)]
-            readings = [one._replace(extra=extra) for one, extra in zip(readings, extras, strict=True)]
+        readings = reset_sensors(self.sensors, self.simulator, self.world, sensor_rngs, readings)
         priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
-        reset_robots(self.robots, rows, readings, priors, rngs[1::2])
+        reset_robots(self.robots, self.rows, readings, priors, rngs[1::2])
         task.begin(self.simulator, self.robots)
         usual = task.reset(self.simulator, self.robots, self.np_random, task.options)
-        for part in self.parts.values():
-            if hasattr(part, "reset"):
-                for robot in self.robots:
-                    part.reset(robot)
+        reset_parts(self.parts, self.robots)
         self._set_time_limit(usual)
         self.overlay.clear()
-        if self.fixed_info:
-            self._blank = {name: blank(one) for name, one in {**self.final_metrics(), "end_reason": ""}.items()}
+        self._blank = blank({**self.final_metrics(), "end_reason": ""}) if self.fixed_info else {}
         self.has_begun = True
         if self.on_period is not None:
             self.on_period(None)
@@ -216,8 +194,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Apply an action for one control period.
 
         Raises:
-            ValueError: if the action has the wrong shape, is not finite, or lies outside [-1, 1] without
-                `clip_actions`.
+            ValueError: if the action has the wrong shape, or lies outside [-1, 1] without `clip_actions`.
             gymnasium.error.ResetNeeded: if no episode has begun, or a step has failed.
         """
         self.apply(action)
@@ -242,8 +219,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def commands(self, action: Any) -> np.ndarray:
         """Return the twists of an action, shape (num_robots, 2), float64 [m/s, rad/s]. Raises the errors of `step`."""
         self.check_begun()
-        shape: Any = self.action_space.shape
-        fractions = read_fractions(action, shape, clips=self.clip_actions, make_env=type(self))
+        fractions = read_fractions(action, self.action_space.shape, clips=self.clip_actions, make_env=type(self))
         return self.period.act(fractions.reshape(-1, 2))
 
     def check_begun(self) -> None:
@@ -317,10 +293,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return info | robots_info(self.period.numbers, is_team=self.task.is_team)
 
     def prepare(self) -> None:
-        """Draw the next world in advance if the task permits this (`sampler_ahead`).
-
-        May run in another thread between two resets. The world is unused if `reset` gets a seed or a world.
-        """
+        """Draw the next world in advance, unless `reset` gets a seed or a world; see `EpisodeWorlds.prepare`."""
         self._worlds.prepare(self.np_random)
 
     @property
@@ -379,7 +352,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             ValueError: if the goal is not finite or not reachable, or the task has no goal; the previous goal stays.
             gymnasium.error.ResetNeeded: if no episode has begun.
         """
-        self._set_time_limit(self.time + self._of_task("set_goal")(goal))
+        self.check_begun()
+        self._set_time_limit(self.time + self.task.set_goal(goal))
         self.overlay.plan = None
 
     def set_initial_pose(self, pose: Sequence[float] | str) -> None:
@@ -391,22 +365,17 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             ValueError: if the pose is not finite or outside of the map, or the task has no AMCL.
             gymnasium.error.ResetNeeded: if no episode has begun.
         """
-        self._of_task("set_initial_pose")(pose)
-
-    def _of_task(self, method: str) -> Any:
         self.check_begun()
-        if not hasattr(self.task, method):
-            raise ValueError(f"task {type(self.task).__name__} does not support {method}")
-        return getattr(self.task, method)
+        self.task.set_initial_pose(pose)
 
     def _set_time_limit(self, usual: float | None) -> None:
         if self._time_limit is None:
             self.time_limit = DEFAULT_TIME_LIMIT if usual is None else usual
 
 
-def blank(value: Any) -> Any:
-    """Return the value of the type of `value` that stands for no value: 0, empty or False."""
-    return np.zeros_like(value) if isinstance(value, np.ndarray) else type(value)()
+def blank(info: Mapping[str, Any]) -> dict[str, Any]:
+    """Return entries of `info` without values: 0, empty or False, of the same types."""
+    return {k: np.zeros_like(one) if isinstance(one, np.ndarray) else type(one)() for k, one in info.items()}
 
 
 def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:

@@ -58,6 +58,7 @@ class Period:
         """Refer to the arrays of an episode, or to other arrays after `Rows.share`."""
         (env,) = self.envs
         rows = env.simulator.rows
+        rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = env.map_pose
         self.rows = RobotRows(env.robots, rows.numbers, rows.ranges, rows.memory, env.truths)
 
     @property

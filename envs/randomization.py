@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from lidarnaut.envs.files import explain_errors
 from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Mover
 
 _RECORDS = {
     "body": ("friction", "mass"),
@@ -33,14 +34,15 @@ Ranges = Mapping[str, Sequence[float]]
 class Randomization:
     """Samples robot parameters uniformly from ranges in each episode."""
 
-    def __init__(self, ranges: Ranges, robot: RobotParams, ignored: Sequence[str] = ()) -> None:
-        """Check the ranges for a nominal robot; `ignored`: parameters that the physics engine does not use.
+    def __init__(self, ranges: Ranges, robot: RobotParams, mover: Mover) -> None:
+        """Check the ranges for a nominal robot and its mover, which then has the highest values.
 
         Raises:
             ValueError: if a name or a range is not allowed.
         """
         if not isinstance(ranges, Mapping):
             raise ValueError(f"randomize must map names of parameters to (low, high), got {ranges!r}")
+        ignored = mover.ignored
         if not robot.imu.has_compass:
             ignored = (*ignored, *(name for name in RANDOMIZABLE if name.startswith("imu.compass")))
         allowed = [name for name in RANDOMIZABLE if name not in ignored]
@@ -49,6 +51,7 @@ class Randomization:
             raise ValueError(f"randomize has {fault}; allowed are {allowed}")
         self._robot = robot
         self._ranges = {name: _check_range(name, ranges[name], robot) for name in sorted(ranges)}
+        mover.set_robot(self.robot({name: high for name, (_, high) in self._ranges.items()}))
 
     def draw(self, rng: np.random.Generator) -> RobotParams:
         """Sample `values`, and return the robot with them."""
@@ -60,10 +63,6 @@ class Randomization:
         for name, value in values.items():
             robot = _replace_nested(robot, name, value)
         return robot
-
-    @property
-    def highest(self) -> dict[str, float]:
-        return {name: high for name, (_, high) in self._ranges.items()}
 
 
 def _check_range(name: str, value: Any, robot: RobotParams) -> tuple[float, float]:

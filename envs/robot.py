@@ -8,6 +8,7 @@ import numpy as np
 
 from lidarnaut.envs.estimation import NO_UPDATE, Belief, Estimator
 from lidarnaut.envs.estimation.belief import check_belief
+from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.estimation.map_pyramid import MapPyramid
 from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, are_on_bodies, as_bodies, scan_ends
 from lidarnaut.envs.estimation.tracking import LARGE_ENOUGH, NOT_STANDING, PeopleTracker
@@ -55,7 +56,7 @@ class Robot:
         kind = type(estimator)  # checks would take 5 % of a kinematic step
         self._own_estimator = "" if kind.__module__.startswith("lidarnaut.envs.") else kind.__name__
         self.control_period = control_period
-        self.peers: list[Robot] = []
+        self.peers: Sequence[Robot] = ()
         """Other robots of a team; their pose estimates are shared."""
         self._geometry = ScanGeometry.of(params.lidar)
         self.tracker: PeopleTracker | None = None
@@ -283,6 +284,13 @@ class GroundTruth:
         self.remember()
 
 
+def start_tracking(robots: Sequence[Robot], has_people: bool, track_people: bool | None) -> None:
+    """Let robots track people; None: those with a map, if the simulation has people."""
+    for robot in robots:
+        if track_people or (track_people is None and has_people and not isinstance(robot.estimator, DeadReckoning)):
+            robot.track_people()
+
+
 def reset_robots(
     robots: Sequence[Robot],
     rows: Rows,
@@ -292,6 +300,8 @@ def reset_robots(
 ) -> None:
     """Start an episode of one robot, or of a team with a shared map."""
     shared_map = None
+    for k, robot in enumerate(robots):
+        robot.peers = [*robots[:k], *robots[k + 1 :]]
     for k, (robot, reading, prior, rng) in enumerate(zip(robots, readings, priors, rngs, strict=True)):
         robot.reset(rows, k, reading, prior, rng, shared_map)
         shared_map = robot.estimator.map

@@ -10,7 +10,7 @@ from gymnasium import spaces
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.simulation import Reading, Simulator
 from lidarnaut.envs.worlds import World
 
 SENSOR_MEMBERS = ("name", "shape", "reset", "measure")
@@ -49,6 +49,17 @@ class Measured:
 def measure_all(sensors: Sequence[Sensor], simulator: Simulator, robot: int) -> dict[str, np.ndarray]:
     """Return the measurements of a robot by the names of the sensors."""
     return {sensor.name: sensor.measure(simulator, robot) for sensor in sensors}
+
+
+def reset_sensors(
+    sensors: Sequence[Sensor], simulator: Simulator, world: World, rngs: Sequence[Any], readings: Sequence[Reading]
+) -> Sequence[Reading]:
+    """Start an episode of sensors, with a generator each; return the readings of all robots with measurements."""
+    for sensor, rng in zip(sensors, rngs, strict=True):
+        sensor.reset(world, rng)
+    if not sensors:
+        return readings
+    return [one._replace(extra=measure_all(sensors, simulator, k)) for k, one in enumerate(readings)]
 
 
 def make_sensors(sensors: Sequence[Any]) -> list[Sensor]:

@@ -278,6 +278,14 @@ class Brief(ABC):
         """Return the goal that a policy at the estimated `pose` receives, or None."""
         return self.goal
 
+    def set_goal(self, goal: Sequence[float]) -> float:
+        """Set the next goal, and return a time limit for it [s]; see `LidarEnv.set_goal`. ValueError without a goal."""
+        raise ValueError(f"task {type(self).__name__} does not support set_goal")
+
+    def set_initial_pose(self, pose: Any) -> None:
+        """Restart localization; see `LidarEnv.set_initial_pose`. ValueError without AMCL."""
+        raise ValueError(f"task {type(self).__name__} does not support set_initial_pose")
+
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return the world of the next episode.
 

@@ -82,6 +82,13 @@ def _check_methods(name: str, part: Any) -> None:
         raise ValueError(f"observations: {name!r} must have write({wanted}), got {kind}: {error}") from None
 
 
+def reset_parts(parts: Mapping[str, Any], robots: Sequence[Any]) -> None:
+    """Start an episode of observation parts that keep state."""
+    for part in parts.values():
+        for robot in robots if hasattr(part, "reset") else ():
+            part.reset(robot)
+
+
 def writes_rows(part: Any) -> bool:
     """Return whether `write` of a part takes `RobotRows`: that of `RowPart`, unless a user has replaced it."""
     return getattr(part.write, "__func__", None) is RowPart.write

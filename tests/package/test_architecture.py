@@ -102,3 +102,21 @@ def test_files_of_others_are_read_by_the_readers_with_limits():
                 if {name, f"{owner}.{name}"} & READERS and not is_in_memory:
                     found.add(path.as_posix())
     assert found - READ_ANYTHING == set()
+
+
+MAX_ATTRIBUTES, MAX_ENV_LINES = 25, 330
+"""Upper limits of the attributes that methods of a class assign, and of the lines of `LidarEnv`."""
+
+
+def attributes(kind):
+    """Return the names of the attributes that methods of a class assign to `self`."""
+    nodes = [node for method in kind.body if isinstance(method, ast.FunctionDef) for node in ast.walk(method)]
+    stored = [node for node in nodes if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)]
+    return {node.attr for node in stored if isinstance(node.value, ast.Name) and node.value.id == "self"}
+
+
+def test_no_class_has_many_attributes_and_the_environment_stays_short():
+    kinds = [node for path in modules().values() for node in ast.walk(tree(path)) if isinstance(node, ast.ClassDef)]
+    assert {kind.name for kind in kinds if len(attributes(kind)) > MAX_ATTRIBUTES} == set()
+    (env,) = (kind for kind in kinds if kind.name == "LidarEnv")
+    assert env.end_lineno - env.lineno + 1 <= MAX_ENV_LINES
