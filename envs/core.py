@@ -275,8 +275,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
         """Return the observation in new arrays, or write it into the arrays of `out`."""
         if out is None:
-            layout = self.observation_space.spaces.items()
-            out = {name: np.empty(space.shape, space.dtype) for name, space in layout}
+            out = {name: np.empty(one.shape, one.dtype) for name, one in self.observation_space.spaces.items()}
         for name in self.parts:
             self.write_part(name, out[name])
         return dict(out)

@@ -83,10 +83,13 @@ class Period:
 
     def finish(self, i: int) -> None:
         """Run the stages of environment `i` that follow the motion."""
-        self.measure(i)
+        env = self.envs[i]
+        if env.sensors:
+            self.measure(i)
         self.locate(i)
         self.update_task(i)
-        self.record(i)
+        if env.on_period is not None:
+            self.record(i)
 
     def act(self, actions: np.ndarray) -> np.ndarray:
         """Store actions, shape (n, 2), float32: fractions of limits; return twists, shape (n, 2) [m/s, rad/s]."""
@@ -114,12 +117,12 @@ class Period:
 
     def measure(self, i: int) -> None:
         env = self.envs[i]
-        for k, robot in enumerate(env.robots if env.sensors else ()):
+        for k, robot in enumerate(env.robots):
             robot.reading = robot.reading._replace(extra=measure_all(env.sensors, env.simulator, k))
 
     def locate(self, i: int) -> None:
         env = self.envs[i]
-        flags = env.simulator.rows.numbers[:, at.FLAGS].tolist()
+        flags = env.period.rows.numbers[:, at.FLAGS].tolist()
         for robot, truth, flag in zip(env.robots, env.truths, flags, strict=True):
             robot.locate(int(flag))
             if int(flag) & REMEMBER_TRUE:
@@ -131,8 +134,8 @@ class Period:
         env.period.quantities = _quantities(env)
 
     def record(self, i: int) -> None:
-        if (on_period := self.envs[i].on_period) is not None:
-            on_period([Twist(*twist) for twist in self.envs[i].rows.numbers[:, COMMAND].tolist()])
+        env = self.envs[i]
+        env.on_period([Twist(*twist) for twist in env.rows.numbers[:, COMMAND].tolist()])
 
     def reward_terms(self, count: int = 1, contacts: int = 0) -> Mapping[str, float]:
         """Return the reward terms of the last `count` control periods, by name.

@@ -1,8 +1,6 @@
 """Interfaces of tasks, reward functions and observation parts (entries of the observation)."""
 
-import functools
 import math
-import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from types import FunctionType, MappingProxyType
@@ -190,7 +188,10 @@ def magnitude(name: str, value: Any) -> float:
 
 def total(terms: Mapping[str, Any]) -> Any:
     """Return the sum of reward terms, added in order, without the extra precision of Python's `sum`."""
-    return functools.reduce(operator.add, terms.values(), 0.0)
+    value: Any = 0.0
+    for term in terms.values():
+        value = value + term
+    return value
 
 
 class Brief(ABC):

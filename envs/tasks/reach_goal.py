@@ -206,7 +206,7 @@ class ReachGoal(ReachGoalBrief, GoalTask, UnknownWorldTask):
         return super()._usual_time(length) if self._world.optimal_length is None else BENCHMARK_LIMIT
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        update_goal(self._rows.numbers[0], self._own, self.arrays[0], self._world.segments, self._world.circles)
+        update_goal(simulator.rows.numbers[0], self._own, self.arrays[0], self._world.segments, self._world.circles)
 
     def update_rows(self, batch: Any) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
         owns = batch.memory[GOAL_MEMORY]
