@@ -144,8 +144,9 @@ class Period:
         """
         env, quantities, period = self.envs[0], self.quantities, self.envs[0].control_period
         if count > 1:
-            earlier = at_rest(quantities, period * (count - 1), period * contacts)
-            quantities = {name: value + earlier[name] for name, value in quantities.items()}
+            time, contact = period * (count - 1), period * contacts
+            earlier = {"time": quantities["time"] + time, "collision": quantities["collision"] + contact}
+            quantities = {**quantities, **earlier}
         terms: Mapping[str, float] = env.reward_terms(quantities)
         return terms
 

@@ -1,13 +1,14 @@
 """Map crops around a robot at several resolutions that preserve thin walls."""
 
 import math
+from typing import Any
 
 import numpy as np
 
 from lidarnaut.envs.compilation import njit
-from lidarnaut.envs.estimation.belief import NO_CELLS, MapUpdate
+from lidarnaut.envs.estimation.belief import MapUpdate
 from lidarnaut.envs.estimation.trail import Trail
-from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid, Window
+from lidarnaut.envs.geometry import NO_WINDOW, OCCUPIED_FROM, OccupancyGrid, Window
 from lidarnaut.envs.geometry.lookup import load
 
 LARGEST_POOLED = 8
@@ -30,14 +31,15 @@ def _add_columns(lines, sums):
 
 
 @njit(cache=True, error_model="numpy")
-def pool_map(data, block, level):
-    """Compute all blocks of a pyramid level, four times as fast as `pool_cells`; arguments as there."""
-    width = (data.shape[1] + block - 1) // block
-    sums, scale = np.empty(width * block, dtype=np.uint16), np.float32(1.0 / (block * block))
-    for i in range((data.shape[0] + block - 1) // block):
-        _add_columns(data[i * block : (i + 1) * block], sums)
-        words = level[i * width : (i + 1) * width]
-        for k in range(width):
+def pool_window(data, window, block, level):
+    """Compute the blocks of a pyramid level inside a rectangle of the map; other arguments as in `pool_cells`."""
+    level_width = (data.shape[1] + block - 1) // block
+    first, last = window.col // block, (window.col + window.width - 1) // block + 1
+    sums, scale = np.empty((last - first) * block, dtype=np.uint16), np.float32(1.0 / (block * block))
+    for i in range(window.row // block, (window.row + window.height - 1) // block + 1):
+        _add_columns(data[i * block : (i + 1) * block, first * block : last * block], sums)
+        words = level[i * level_width + first : i * level_width + last]
+        for k in range(words.shape[0]):
             total = np.uint16(0)
             for j in range(k * block, (k + 1) * block):
                 total += sums[j]
@@ -138,17 +140,18 @@ class Level:
     def rebuild(self, data: np.ndarray) -> None:
         self.height, self.width = (math.ceil(size / self.block) for size in data.shape)
         self.words = np.zeros(self.height * self.width + 1, dtype=np.uint16)
-        if self.finer is None:
-            pool_map(data, self.block, self.words)
-        else:
-            self.update(data, corners(Window(0, 0, *data.shape), self.block))
+        self.update(data, Window(0, 0, *data.shape), None)
 
-    def update(self, data: np.ndarray, cells: np.ndarray) -> None:
-        """Update the blocks of changed map cells (row, column), shape (n, 2), int32."""
-        if (finer := self.finer) is None:
-            pool_cells(data, cells, self.block, self.words)
+    def update(self, data: np.ndarray, window: Window, cells: np.ndarray | None) -> None:
+        """Update the blocks of changed map cells (row, column), shape (n, 2), int32; None: all cells of a window."""
+        is_many = cells is None or len(cells) * self.block**2 > window.height * window.width
+        if (finer := self.finer) is not None:
+            changed = corners(window, self.block) if cells is None or is_many else cells
+            _pool_blocks(finer.words, finer.height, finer.width, changed, self.block, self.words)
+        elif is_many:
+            pool_window(data, window, self.block, self.words)
         else:
-            _pool_blocks(finer.words, finer.height, finer.width, cells, self.block, self.words)
+            pool_cells(data, cells, self.block, self.words)
 
     def mark(self, col: float, row: float) -> None:
         """Mark the level's block at map cell (`col`, `row`) as visited by the robot."""
@@ -163,21 +166,20 @@ class MapPyramid:
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
         self.grid, self._data, self._trails = grid, grid.data, trails
         self._levels: dict[int, Level] = {}  # finer ones first
-        self._changed: list[np.ndarray] = []  # cells since the last crop
+        self._window, self._changed = NO_WINDOW, list[Any]()  # since the last crop; None for an unknown list of cells
         self.revision = object()
         """Object that stands for the contents of the map, and is replaced by `update`."""
 
     def update(self, update: MapUpdate) -> None:
         data, changed_cells, self.revision = self.grid.data, update.changed_cells, object()
         if update.redrawn or data is not self._data:
-            self._data, self._changed = data, []
+            self._data, self._window, self._changed = data, NO_WINDOW, []
             for level in self._levels.values():
                 level.is_stale = True
         elif update.window is not None and self._levels:
-            if changed_cells is None or update.origin != self.grid.origin:
-                self._changed.append(corners(update.window, min(self._levels)))
-            else:
-                self._changed += [update.new_cells, changed_cells]
+            self._window = update.window.union(self._window)
+            is_known = changed_cells is not None and update.origin == self.grid.origin
+            self._changed += [update.new_cells, changed_cells] if is_known else [None]
 
     def mark(self, x: float, y: float) -> None:
         col, row = self._in_cells(x, y)
@@ -198,7 +200,8 @@ class MapPyramid:
         return self._levels[block]
 
     def _refresh(self) -> None:
-        cells = np.concatenate(self._changed) if self._changed else NO_CELLS
+        is_known = all(cells is not None for cells in self._changed)
+        cells = np.concatenate(self._changed) if self._changed and is_known else None
         for level in self._levels.values():
             if level.is_stale:
                 level.rebuild(self.grid.data)
@@ -206,9 +209,9 @@ class MapPyramid:
                     for x, y in trail.positions.tolist():
                         level.mark(*self._in_cells(x, y))
                 level.is_stale = False
-            elif len(cells):
-                level.update(self.grid.data, cells)
-        self._changed = []
+            elif self._changed:
+                level.update(self.grid.data, self._window, cells)
+        self._window, self._changed = NO_WINDOW, []
 
     def _in_cells(self, x: float, y: float) -> tuple[float, float]:
         grid, (left, low) = self.grid, self.grid.origin

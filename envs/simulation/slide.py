@@ -61,6 +61,9 @@ class Slide(KinematicSimulator):
     area: ExplorableArea
     """Explorable area of the world. Robots only slide to traversable true positions."""
 
+    _pose: Pose2D | None = None  # estimate; None before the first period
+    _map_pose: Pose2D
+
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
         if self.robot.lidar.scan_time:
@@ -71,7 +74,7 @@ class Slide(KinematicSimulator):
         self._speed, self._turn_rate = SPEED_SHARE * self.robot.max_v, TURN_SHARE * self.robot.max_w
 
     def reset(self, world: World, poses: Sequence[Pose2D], *args: Any) -> list[Reading]:
-        self._error = ORIGIN
+        self._error, self._pose = ORIGIN, None
         return super().reset(world, poses, *args)
 
     def aim(self, pose: Pose2D, count: int) -> None:
@@ -105,18 +108,19 @@ class Slide(KinematicSimulator):
 
     def move(self) -> None:
         rows, row, rng, crowd = self.rows, self.rows.numbers[0], self.rngs[0], self.crowd
-        pose, before = self._aim, Pose2D(*row[at.POSE : at.POSE + 3].tolist())
+        if self._pose is None:
+            self._pose, self._map_pose = (Pose2D(*row[k : k + 3].tolist()) for k in (at.POSE, at.MAP_POSE))
+        pose, before = self._aim, self._pose
         kept = math.exp(-math.hypot(pose.x - before.x, pose.y - before.y) / DRIFT_LENGTH)
         renewed, (position_std, heading_std) = math.sqrt(1.0 - kept * kept), self.params.drift
         draws = zip(self._error, (position_std, position_std, heading_std), rng.standard_normal(3).tolist())
         self._error = error = Pose2D(*(kept * part + renewed * std * draw for part, std, draw in draws))
-        map_pose = Pose2D(*row[at.MAP_POSE : at.MAP_POSE + 3].tolist())
-        true_pose = map_pose.compose(pose).compose(error)
+        true_pose = self._map_pose.compose(pose).compose(error)
         self.is_blocked = not self._is_free(true_pose)
         if self.is_blocked:
             true_pose = rows.state(0).pose
-            pose = map_pose.between(true_pose.compose(error.inverse()))
-        row[at.X : at.THETA + 1], row[at.POSE : at.POSE + 3] = true_pose, pose
+            pose = self._map_pose.between(true_pose.compose(error.inverse()))
+        row[at.X : at.THETA + 1], row[at.POSE : at.POSE + 3], self._pose = true_pose, pose, pose
         rows.go_to(rows.steps + self._count)
         for _ in range(self._count if len(crowd.rows) else 0):
             step_people(*crowd.arrays, rows.numbers)
