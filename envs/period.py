@@ -165,9 +165,10 @@ class Period:
         world_arrays = world.segments, world.circles, world.magnets, simulator.crowd.arrays
         arrays = rows.numbers, rows.draws, rows.ranges, world_arrays, navigator.arrays, self._noted
         result: tuple[int, int, int] = drive(*arrays, max(left, 1), min(check_from, 1 << 40))
-        self.follow(rows.numbers[:, COMMAND])
+        v, w = rows.numbers[0, COMMAND].tolist()
+        robot.action = v / robot.params.max_v, w / robot.params.max_w
         navigator.velocity = robot.twist
-        for x, y in extend_trails((robot,), (truth,), *self._noted)[0]:
+        for x, y in extend_trail(robot, truth, self._noted[0][0], self._noted[1][0]).tolist():
             robot.pyramid.mark(x, y)
         self.finish(0)
         return result
@@ -201,18 +202,14 @@ def at_rest(names: Iterable[str], time: Any, contact: Any) -> dict[str, Any]:
     return {name: passed[name] if name in passed else 0.0 * time for name in names}
 
 
-def extend_trails(
-    robots: Sequence[Any], truths: Sequence[Any], positions: np.ndarray, counts: np.ndarray
-) -> list[list[list[float]]]:
-    """Append positions of `record_positions` to the paths of robots; return the estimated positions by robot."""
-    estimated = []
-    for robot, truth, points, count in zip(robots, truths, positions, counts, strict=True):
-        own = points[: count[0], :2]
-        robot.trail.extend(own)
-        truth.trail.extend(points[: count[1], 2:])
-        estimated.append(own.tolist())
-        count[:] = 0
-    return estimated
+def extend_trail(robot: Any, truth: Any, positions: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Append positions of `record_positions` to the paths of a robot; return the estimated ones, shape (n, 2)."""
+    estimated, true = count.tolist()
+    own = positions[:estimated, :2]
+    robot.trail.extend(own)
+    truth.trail.extend(positions[:true, 2:])
+    count[:] = 0
+    return own
 
 
 def robots_info(numbers: np.ndarray, *, is_team: bool) -> dict[str, Any]:
@@ -356,8 +353,8 @@ class Batch(Period):
     def _extend_trails(self, indices: Iterable[int]) -> None:
         positions, counts = self._noted
         for i in indices:
-            env, own = self.envs[i], slice(i * self._num_robots, (i + 1) * self._num_robots)
-            extend_trails(env.robots, env.truths, positions[own], counts[own])
+            for k, (robot, truth) in enumerate(zip(self.envs[i].robots, self.envs[i].truths, strict=True)):
+                extend_trail(robot, truth, positions[i * self._num_robots + k], counts[i * self._num_robots + k])
 
     def _observe(self, indices: Sequence[int]) -> None:
         for name, part in self.envs[0].parts.items():
