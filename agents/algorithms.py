@@ -89,7 +89,7 @@ def takes_vectors(algorithm: type[BaseAlgorithm]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """Configuration of a training, and what follows from it: made once, when the training begins."""
+    """Configuration of a training with all that is derived from it once, when the training begins."""
 
     config: TrainingConfig
     """Configuration with default hyperparameters and network settings filled in."""
@@ -97,7 +97,7 @@ class Prepared:
     network: Any
     """Network settings: `NetworkConfig`, or one of the other classes for networks."""
     hyperparameters: Mapping[str, Any]
-    """Constructor arguments by hyperparameter, with schedules, noise and classes in place of their names."""
+    """Constructor arguments by hyperparameter, with schedules, noise and classes instead of their names."""
     rollout_steps: int
     """Number of environment steps between two updates."""
     num_updates: int

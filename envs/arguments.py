@@ -69,13 +69,13 @@ def check_positive(**values: float) -> None:
 
 
 def check_render_mode(mode: Any, allowed: Sequence[str]) -> None:
-    """Raise ValueError for a mode that is neither None nor allowed."""
+    """Raise ValueError for a mode that is not allowed; None always is."""
     if mode is not None and mode not in allowed:
         raise ValueError(f"render_mode must be None or one of {allowed}, got {mode!r}")
 
 
 def check_time_limit(limit: Any) -> None:
-    """Raise ValueError for a time limit [s] that is neither None nor positive; it may be infinite."""
+    """Raise ValueError for a time limit [s] that is not positive; None and infinity are allowed."""
     if limit is not None and limit != math.inf and not (is_number(limit) and limit > 0):
         raise ValueError(f"time_limit must be positive or None, got {limit!r}")
 

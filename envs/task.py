@@ -197,9 +197,9 @@ def total(terms: Mapping[str, Any]) -> Any:
 class Brief(ABC):
     """Part of a task that a real robot has too: estimators, observation parts, goal, initial pose and map.
 
-    A brief alone is the task of a real robot, see `lidarnaut.Driver`: its world is unknown, and it has neither reward
-    nor end. Subclasses that are no `Task` define what needs no ground truth; their parameters are also arguments of the
-    driver.
+    A brief alone is the task of a real robot, see `lidarnaut.Driver`: its world is unknown, without
+    reward and end. Subclasses that are no `Task` define the members that need no ground truth; their parameters are
+    also arguments of the driver.
     """
 
     progress: ClassVar[str] = "is_success"

@@ -20,7 +20,7 @@ class GoalPlanner:
     """Plans the path to a goal as `GoalNavigator` does, and never gives up."""
 
     nearest = 0
-    """Index of the path point nearest to the robot, updated by who follows the path; 0 for a new path."""
+    """Index of the path point nearest to the robot, updated while the path is followed; 0 for a new path."""
 
     def __init__(self, robot: RobotParams, control_period: float) -> None:
         self._navigator = GoalNavigator(WITHOUT_LIMITS)

@@ -1,4 +1,4 @@
-"""What a policy adds to pictures of an episode."""
+"""Additions of a policy to pictures of an episode."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""Movers: what moves the robots of an environment, and measures."""
+"""Base class of movers, which move the robots of an environment and measure."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence

@@ -84,7 +84,7 @@ class Slide(KinematicSimulator):
     def stops(
         self, start: Pose2D, plan: np.ndarray, max_steps: int
     ) -> tuple[Iterator[tuple[float, float, float, int]], bool]:
-        """Return where a robot scans on a planned path, shape (n, 2), float64, map frame [m].
+        """Return the poses of scans on a planned path, shape (n, 2), float64, map frame [m].
 
         `start`: estimated pose. `max_steps`: control periods after which the robot stops.
 

@@ -55,7 +55,7 @@ class KnownMapBrief(Brief):
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         pose = self._read_initial_pose(self.initial_pose, "known", "unknown")
-        return Prior(None if pose == "known" else pose, self._map)  # nobody knows where a real robot starts
+        return Prior(None if pose == "known" else pose, self._map)  # the start of a real robot is unknown
 
     def _read_initial_pose(self, given: Any, *names: str) -> Any:
         pose: Any = Pose2D(*map(float, given)) if is_pose(given) else given

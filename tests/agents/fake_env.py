@@ -44,7 +44,7 @@ class FakeEnv(LidarEnv):
         self.render_mode = render_mode
         self.control_period = 1.0 / control_hz
         self.time_limit = time_limit or 4.0
-        self.robot = SimpleNamespace(name="fake", lidar=SimpleNamespace(num_beams=BEAMS), max_v=2.0)
+        self.robot_params = SimpleNamespace(name="fake", lidar=SimpleNamespace(num_beams=BEAMS), max_v=2.0)
         none = dict.fromkeys(("goal", "route", "coverage"))
         self.task = SimpleNamespace(measures=MEASURES, progress="explored_fraction", return_home=False, **none)
         self.steps = 0
