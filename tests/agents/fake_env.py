@@ -14,6 +14,7 @@ from gymnasium import spaces
 
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.measures import Measure, when
+from lidarnaut.envs.rendering.overlay import Overlay
 
 ID = "tests.agents.fake_env:Fake-v0"
 MEASURES = (
@@ -47,7 +48,7 @@ class FakeEnv(LidarEnv):
         self.robot_params = SimpleNamespace(name="fake", lidar=SimpleNamespace(num_beams=BEAMS), max_v=2.0)
         none = dict.fromkeys(("goal", "route", "coverage"))
         self.task = SimpleNamespace(measures=MEASURES, progress="explored_fraction", return_home=False, **none)
-        self.steps = 0
+        self.overlay, self.steps = Overlay(1), 0
 
     def close(self):
         """Release nothing."""
