@@ -28,7 +28,6 @@ from lidarnaut.envs.robot import GroundTruth, Robot, reset_robots
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.sensor import Measured, make_sensors, measure_all
 from lidarnaut.envs.simulation import Mover, Reading, Twist, make_simulator
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
 from lidarnaut.envs.task import DEFAULT_TIME_LIMIT, Brief, Quantities
@@ -186,7 +185,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         crowd_rng = self.np_random.spawn(1)[0] if self.simulator.crowd.params else None
         readings = self.simulator.reset(self.world, starts, rngs[::2], crowd_rng)
         rows = self.simulator.rows
-        rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = task.map_pose
+        rows.numbers["map_pose"] = task.map_pose
         self.truths = [GroundTruth(rows, k) for k in range(num_robots)]
         self.period.begin()
         for sensor, rng in zip(self.sensors, sensor_rngs, strict=True):
@@ -338,7 +337,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     @property
     def time(self) -> float:
         """Time since the reset [s]."""
-        return float(self.rows.numbers[0, at.TIME])
+        return float(self.rows.numbers["time"][0])
 
     @property
     def map_pose(self) -> Pose2D:

@@ -12,7 +12,6 @@ from lidarnaut.envs.arguments import check_positive, is_number
 from lidarnaut.envs.geometry import ORIGIN, Pose2D, wrap_angle
 from lidarnaut.envs.worlds import ExplorableArea, World
 
-from . import records as at
 from .crowd.step import step_people
 from .kinematic import KinematicSimulator
 from .rows import Reading
@@ -105,18 +104,18 @@ class Slide(KinematicSimulator):
 
     def move(self) -> None:
         rows, row, rng, crowd = self.rows, self.rows.numbers[0], self.rngs[0], self.crowd
-        pose, before = self._aim, Pose2D(*row[at.POSE : at.POSE + 3].tolist())
+        pose, before = self._aim, Pose2D(*row["pose"].tolist())
         kept = math.exp(-math.hypot(pose.x - before.x, pose.y - before.y) / DRIFT_LENGTH)
         renewed, (position_std, heading_std) = math.sqrt(1.0 - kept * kept), self.params.drift
         draws = zip(self._error, (position_std, position_std, heading_std), rng.standard_normal(3).tolist())
         self._error = error = Pose2D(*(kept * part + renewed * std * draw for part, std, draw in draws))
-        map_pose = Pose2D(*row[at.MAP_POSE : at.MAP_POSE + 3].tolist())
+        map_pose = Pose2D(*row["map_pose"].tolist())
         true_pose = map_pose.compose(pose).compose(error)
         self.is_blocked = not self._is_free(true_pose)
         if self.is_blocked:
             true_pose = rows.state(0).pose
             pose = map_pose.between(true_pose.compose(error.inverse()))
-        row[at.X : at.THETA + 1], row[at.POSE : at.POSE + 3] = true_pose, pose
+        row["x"], row["y"], row["theta"], row["pose"] = *true_pose, pose
         rows.go_to(rows.steps + self._count)
         for _ in range(self._count if len(crowd.rows) else 0):
             step_people(*crowd.arrays, rows.numbers)
@@ -126,9 +125,10 @@ class Slide(KinematicSimulator):
         if num_false := rng.binomial(len(ranges), self.params.false_returns):
             beams = rng.integers(len(ranges), size=num_false)
             ranges[beams] = np.fmin(ranges[beams], self.robot.lidar.range_max) * rng.random(len(beams))
-        row[at.ODOMETRY : at.ODOMETRY + 3] = row[at.MOTION_SETTINGS] = 0.0  # the pose estimate is that above
-        row[at.KEY_POSE : at.KEY_POSE + 3] = np.inf  # every scan is processed
-        row[at.LEAST_GAP : at.HIT_BY_PERSON + 1] = np.nan  # gaps are not measured between scans
+        row["odometry"] = row["motion_settings"][0] = 0.0  # the pose estimate is that above
+        row["key_pose"] = np.inf  # every scan is processed
+        for name in ("least_gap", "least_time", "intrusion", "touched_by", "hits"):
+            row[name] = np.nan  # not measured between scans
 
     def _is_free(self, pose: Pose2D) -> bool:
         (left, bottom), side = self.area.walls.origin, self.area.walls.resolution
