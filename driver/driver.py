@@ -19,7 +19,6 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.logs.scans import MAX_SWEEP, Scan, advise_on_zeros, resampled
 from lidarnaut.envs.logs.trajectory import MAX_CLOCK_JUMP
-from lidarnaut.envs.period import COMMAND
 from lidarnaut.envs.robots import RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.navigate import KnownMapBrief
@@ -245,7 +244,7 @@ class Driver:
         """Begin a control period; the next scan that is used ends it."""
         period = self.env.period
         period.command(commands)
-        self._command = Twist(*period.numbers[0, COMMAND].tolist())
+        self._command = Twist(*period.numbers["command"][0].tolist())
 
     def _receive(self, kind: str, messages: deque[tuple[float, Any]], stamp: float, content: Any) -> None:
         last = self._newest.get(kind, -math.inf)

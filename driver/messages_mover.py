@@ -8,7 +8,6 @@ import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.simulation import Mover, Reading
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.odometry import update_odometry
 from lidarnaut.envs.worlds import World
 
@@ -50,10 +49,10 @@ class MessagesMover(Mover):
 
     def _take(self, steps: int) -> None:
         row, sample = self.rows.numbers[0], self.sample
-        row[at.YAW_RATE : at.TOUCHED + 1] = sample.yaw_rate, np.nan, sample.bumper
-        elapsed = sample.time - row[at.TIME]
+        row["yaw_rate"], row["heading"], row["touched"] = sample.yaw_rate, np.nan, sample.bumper
+        elapsed = sample.time - row["time"]
         if steps:
-            row[at.PERIOD] = self._period if abs(elapsed - self._period) < RESOLUTION else elapsed
-        row[at.STEPS], row[at.TIME] = steps, sample.time
+            row["period"] = self._period if abs(elapsed - self._period) < RESOLUTION else elapsed
+        row["steps"], row["time"] = steps, sample.time
         update_odometry(row, *sample.ticks)
         self.rows.ranges[0] = sample.ranges

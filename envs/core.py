@@ -34,7 +34,6 @@ from lidarnaut.envs.robot import GroundTruth, Robot, reset_robots, start_trackin
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.sensor import Measured, make_sensors, reset_sensors
 from lidarnaut.envs.simulation import Mover, Reading, Twist, make_simulator
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
 from lidarnaut.envs.task import DEFAULT_TIME_LIMIT, Brief, Quantities
@@ -303,7 +302,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     @property
     def time(self) -> float:
         """Time since the reset [s]."""
-        return float(self.rows.numbers[0, at.TIME])
+        return float(self.rows.numbers["time"][0])
 
     @property
     def map_pose(self) -> Pose2D:

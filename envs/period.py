@@ -29,12 +29,11 @@ from lidarnaut.envs.robot import REMEMBER_TRUE, SCAN
 from lidarnaut.envs.robot_rows import RobotRows, put, repeat
 from lidarnaut.envs.sensor import measure_all
 from lidarnaut.envs.simulation import KinematicSimulator, Twist
-from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.records import ROW
 from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.task import total
 from lidarnaut.envs.transition import drive, pose_errors, record_positions, step_rows, store_actions, update_robots
 
-ACTION, COMMAND = slice(at.ACTION_V, at.ACTION_W + 1), slice(at.COMMAND_V, at.COMMAND_W + 1)
 TIME_TOLERANCE = 1e-6
 """An episode ends if its time limit comes within this time [s]."""
 OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
@@ -58,12 +57,12 @@ class Period:
         """Refer to the arrays of an episode, or to other arrays after `Rows.share`."""
         (env,) = self.envs
         rows = env.simulator.rows
-        rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = env.map_pose
+        rows.numbers["map_pose"] = env.map_pose
         self.rows = RobotRows(env.robots, rows.numbers, rows.ranges, rows.memory, env.truths)
 
     @property
     def numbers(self) -> np.ndarray:
-        """State vectors of the robots, shape (n, ROW_SIZE), float64."""
+        """Records of the robots, shape (n,), dtype `ROW`."""
         return self.rows.numbers
 
     def run(self, commands: np.ndarray, active: Any = None) -> None:
@@ -97,14 +96,14 @@ class Period:
 
     def follow(self, commands: np.ndarray) -> np.ndarray:
         """Store the actions of twists, shape (n, 2), float64 [m/s, rad/s], and return the twists."""
-        self.numbers[:, ACTION] = commands / self._limits
+        self.numbers["action_v"], self.numbers["action_w"] = (commands / self._limits).T
         return commands
 
     def command(self, commands: np.ndarray) -> None:
         rows = self.rows
-        rows.numbers[:, COMMAND] = commands
+        rows.numbers["command"] = commands
         if self.monitor is not None:
-            self.monitor.slow_down(rows.numbers[:, COMMAND], rows.ranges, rows.active)
+            self.monitor.slow_down(rows.numbers["command"], rows.ranges, rows.active)
 
     def move(self, active: Any) -> None:
         simulator = self.envs[0].simulator
@@ -122,7 +121,7 @@ class Period:
 
     def locate(self, i: int) -> None:
         env = self.envs[i]
-        flags = env.period.rows.numbers[:, at.FLAGS].tolist()
+        flags = env.period.rows.numbers["pending"].tolist()
         for robot, truth, flag in zip(env.robots, env.truths, flags, strict=True):
             robot.locate(int(flag))
             if int(flag) & REMEMBER_TRUE:
@@ -135,7 +134,7 @@ class Period:
 
     def record(self, i: int) -> None:
         env = self.envs[i]
-        env.on_period([Twist(*twist) for twist in env.rows.numbers[:, COMMAND].tolist()])
+        env.on_period([Twist(*twist) for twist in env.rows.numbers["command"].tolist()])
 
     def reward_terms(self, count: int = 1, contacts: int = 0) -> Mapping[str, float]:
         """Return the reward terms of the last `count` control periods, by name.
@@ -165,7 +164,7 @@ class Period:
         world_arrays = world.segments, world.circles, world.magnets, simulator.crowd.arrays
         arrays = rows.numbers, rows.draws, rows.ranges, world_arrays, navigator.arrays, self._noted
         result: tuple[int, int, int] = drive(*arrays, max(left, 1), min(check_from, 1 << 40))
-        v, w = rows.numbers[0, COMMAND].tolist()
+        ((v, w),) = rows.numbers["command"].tolist()
         robot.action = v / robot.params.max_v, w / robot.params.max_w
         navigator.velocity = robot.twist
         for x, y in extend_trail(robot, truth, self._noted[0][0], self._noted[1][0]).tolist():
@@ -214,7 +213,7 @@ def extend_trail(robot: Any, truth: Any, positions: np.ndarray, count: np.ndarra
 
 def robots_info(numbers: np.ndarray, *, is_team: bool) -> dict[str, Any]:
     """Return the entries of `info` on robots that all tasks have: arrays for a team, else numbers."""
-    errors, lengths, collisions = pose_errors(numbers), numbers[:, at.PATH_LENGTH], numbers[:, at.COLLISIONS]
+    errors, lengths, collisions = pose_errors(numbers), numbers["path_length"], numbers["collisions"]
     if is_team:
         return {"pose_error": errors, "path_length": lengths.copy(), "collisions": collisions.astype(np.int64)}
     return {"pose_error": errors[0], "path_length": float(lengths[0]), "collisions": int(collisions[0])}
@@ -231,7 +230,7 @@ class Batch(Period):
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
         memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
-        self.rows = RobotRows(robots, numbers, ranges, memory)
+        self.rows = RobotRows(robots, numbers.view(ROW), ranges, memory)
         self._is_new = np.ones(len(robots), dtype=np.bool_)
         self._has_scanned, self._is_behind, self._rests = (np.zeros(len(envs), dtype=np.bool_) for _ in range(3))
         self._is_over, self._time_limits = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs))
@@ -250,7 +249,7 @@ class Batch(Period):
 
     @property
     def _times(self) -> np.ndarray:
-        return self.numbers[:: self._num_robots, at.TIME]
+        return self.numbers["time"][:: self._num_robots]
 
     def bind(self, indices: Sequence[int]) -> None:
         """Connect sub-environments to the shared arrays after a reset: robot states, worlds, task data, time limits."""
@@ -301,7 +300,7 @@ class Batch(Period):
     def move(self, active: np.ndarray) -> None:
         rows, numbers, envs = self.rows, self.numbers, self.envs
         rows.active[:] = np.repeat(active, self._num_robots)
-        for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
+        for i in np.flatnonzero(active & (numbers["draw"][:: self._num_robots] == BLOCK - 1)).tolist():
             envs[i].rows.draw_ahead(envs[i].simulator.rngs)
         step_rows(numbers, self._draws, rows.ranges, active, self._num_robots, rows.surroundings)
         if self._has_no_maps and record_positions(numbers, rows.active, *self._noted):
@@ -320,7 +319,7 @@ class Batch(Period):
 
     def due(self, active: np.ndarray) -> Iterable[int]:
         """Locate robots of resting environments; return the indices of the others."""
-        flags = self.numbers[:, at.FLAGS].reshape(len(active), -1)
+        flags = self.numbers["pending"].reshape(len(active), -1)
         self._has_scanned = (flags % 2.0 == SCAN).any(axis=1)
         has_no_time = self._times >= self._time_limits - TIME_TOLERANCE
         self._is_over = active & (self._is_last | has_no_time)
@@ -371,7 +370,7 @@ class Batch(Period):
         tasks, numbers, where = [env.task for env in self.envs], self.numbers, slice(None) if going.all() else going
         rows = {} if self._columns else {i: self.envs[i].period.quantities for i in chosen}
         self._names = next(iter(rows.values()), self._names)
-        touching = (numbers[:, at.TOUCHED] > 0.0).reshape(len(tasks), -1).sum(axis=1)
+        touching = (numbers["touched"] > 0.0).reshape(len(tasks), -1).sum(axis=1)
         period = np.full(len(tasks), self.envs[0].control_period)
         metrics: dict[str, np.ndarray] = {}
         quantities, metrics = self._columns or (at_rest(self._names, period, period * touching), metrics)
@@ -390,7 +389,7 @@ class Batch(Period):
                 self._arrays.rewards[i] = tasks[i].rewards.checked_total(terms)
                 records.note(i, {"rewards": terms}, ("rewards",))
         info: dict[str, np.ndarray] = {"time": self._times, "pose_error": pose_errors(numbers), **metrics}
-        info |= {"path_length": numbers[:, at.PATH_LENGTH], "collisions": numbers[:, at.COLLISIONS]}
+        info |= {"path_length": numbers["path_length"], "collisions": numbers["collisions"]}
         for name, column in info.items():
             records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
         if not self.updates_rows:

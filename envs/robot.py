@@ -76,21 +76,23 @@ class Robot:
         return self.estimator.belief
 
     @property
-    def _row(self) -> np.ndarray:
+    def _row(self) -> Any:
         return self._rows.numbers[self.index]
 
     @property
-    def row(self) -> np.ndarray:
-        """Copy of the robot's state vector, shape (ROW_SIZE,), float64; columns with ground truth are NaN."""
-        row = at.SENSED * self._row
-        row[at.TOUCHED] = row[at.TOUCHED] > 0.0
+    def row(self) -> np.void:
+        """Copy of the robot's record, dtype `ROW`; fields with ground truth are NaN."""
+        numbers = self._rows.numbers[self.index : self.index + 1]
+        row: np.void = (at.SENSED * numbers.view(np.float64)).view(numbers.dtype)[0]
+        row["touched"] = row["touched"] > 0.0
         return row
 
     def as_rows(self, truth: "GroundTruth | None" = None) -> RobotRows:
-        """Return this robot alone as `RobotRows`; without `truth`, ground truth in its state vector is NaN."""
+        """Return this robot alone as `RobotRows`; without `truth`, ground truth in its record is NaN."""
         rows, own = self._rows, slice(self.index, self.index + 1)
         memory = {name: kept[own] for name, kept in rows.memory.items()}
-        return RobotRows([self], self.row[None] if truth is None else rows.numbers[own], rows.ranges[own], memory)
+        numbers = np.array([self.row]) if truth is None else rows.numbers[own]
+        return RobotRows([self], numbers, rows.ranges[own], memory)
 
     def remember(self, name: Hashable, size: int, dtype: Any = np.float64) -> np.ndarray:
         """Return the data that an observation stores as `name`, shape (size,); see `Rows.remember`."""
@@ -106,7 +108,7 @@ class Robot:
     @property
     def reading(self) -> Reading:
         """Last sensor reading."""
-        if self._reading.time != self._row[at.TIME]:
+        if self._reading.time != self._rows.numbers["time"][self.index]:
             self._reading = self._rows.reading(self.index)
         return self._reading
 
@@ -122,36 +124,35 @@ class Robot:
     @property
     def bumper(self) -> bool:
         """Whether the body touched anything during the last control period."""
-        return bool(self._row[at.TOUCHED] > 0.0)
+        return bool(self._rows.numbers["touched"][self.index] > 0.0)
 
     @property
     def twist(self) -> Twist:
         """Velocity [m/s, rad/s] from the estimator if available, otherwise from odometry."""
-        return Twist(*self._row[at.TWIST_V : at.TWIST_W + 1].tolist())
+        return Twist(*self._rows.numbers["twist"][self.index].tolist())
 
     @property
     def action(self) -> tuple[float, float]:
         """Last action: forward speed and yaw rate as fractions of their limits."""
-        v, w = self._row[at.ACTION_V : at.ACTION_W + 1].tolist()
-        return v, w
+        return float(self._row["action_v"]), float(self._row["action_w"])
 
     @action.setter
     def action(self, action: tuple[float, float]) -> None:
-        self._row[at.ACTION_V : at.ACTION_W + 1] = action
+        self._row["action_v"], self._row["action_w"] = action
 
     @property
     def collisions(self) -> int:
-        return int(self._row[at.COLLISIONS])
+        return int(self._row["collisions"])
 
     @property
     def motion(self) -> Pose2D:
         """Motion (x, y, theta) of the base in the last control period [m, rad], given to the estimator."""
-        return Pose2D(*self._row[at.MOTION : at.MOTION + 3].tolist())
+        return Pose2D(*self._row["motion"].tolist())
 
     @property
     def predicted_pose(self) -> Pose2D:
         """Pose estimate, map frame [m, rad]: that of the last processed scan, extrapolated by odometry."""
-        return Pose2D(*self._rows.numbers[self.index, at.POSE : at.POSE + 3].tolist())
+        return Pose2D(*self._rows.numbers["pose"][self.index].tolist())
 
     def reset(
         self, rows: Rows, index: int, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None
@@ -172,12 +173,12 @@ class Robot:
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
         """Map at several resolutions, for observations."""
         self._data = self.belief.grid.data, self.belief.grid.data.shape
-        row[at.MOTION_SETTINGS : at.ODOMETRY_SETTINGS], row[at.KEY_POSE] = self._setup, np.inf
-        row[at.POSE : at.POSE + 3] = self.belief.pose
+        row["motion_settings"], row["key_pose"][0] = self._setup, np.inf
+        row["pose"] = self.belief.pose
         if self._setup.min_travel_distance == math.inf:
-            row[at.KEY_POSE : at.KEY_POSE + 3] = self.belief.pose
-        row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
-        row[at.PERSON_GAP : at.LEAST_TIME + 1] = MAX_PERSON_GAP, MAX_PERSON_GAP, MAX_TIME_TO_COLLISION
+            row["key_pose"] = self.belief.pose
+        row["last_pose"], row["last_touched"] = (row["x"], row["y"], row["theta"]), row["touched"]
+        row["person_gap"], row["least_gap"], row["least_time"] = MAX_PERSON_GAP, MAX_PERSON_GAP, MAX_TIME_TO_COLLISION
         if self.tracker is not None:
             self.tracker.reset()
             self._track(self.tracker, reading.ranges, ORIGIN)
@@ -198,7 +199,7 @@ class Robot:
         returns invalid results.
         """
         if self.tracker is not None:
-            self._track(self.tracker, self.ranges, Pose2D(*self._row[at.ODOMETRY : at.ODOMETRY + 3].tolist()))
+            self._track(self.tracker, self.ranges, Pose2D(*self._row["odometry"].tolist()))
         if flags & SCAN:
             self.integrate()
             return
@@ -211,7 +212,7 @@ class Robot:
         """Process the last scan: update pose, map and path."""
         estimator: Any = self.estimator
         if estimator.follows_odometry and estimator.last_key_pose is not None:
-            predicted, estimator.slip = self.predicted_pose, float(self._row[at.SLIP])
+            predicted, estimator.slip = self.predicted_pose, float(self._row["slip"])
             self.follow(estimator.process_key_scan(self._filtered(self.ranges), predicted))
             return
         reading = self.reading
@@ -236,20 +237,20 @@ class Robot:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
         key_pose = self.estimator.last_key_pose if self.estimator.follows_odometry else belief.pose
-        self._row[at.POSE : at.KEY_POSE + 3] = *belief.pose, *key_pose
-        self._row[at.SLIP] = 0.0
+        self._row["pose"], self._row["key_pose"] = belief.pose, key_pose
+        self._row["slip"] = 0.0
         if belief.twist is not None:
-            self._row[at.TWIST_V : at.TWIST_W + 1] = belief.twist
+            self._row["twist"] = belief.twist
         if belief.update.redrawn and belief.path is not None:
             self.trail.replace(interpolate(belief.path[:, :2]))
-            self._row[at.TRAIL : at.TRAIL + 2] = self.trail.last
+            self._row["trail"] = self.trail.last
         self.pyramid.update(belief.update)
         self._remember(belief.pose)
 
     def _remember(self, pose: Pose2D) -> None:
         if self.trail.append(pose):
             self.pyramid.mark(pose.x, pose.y)
-            self._row[at.TRAIL : at.TRAIL + 2] = self.trail.last
+            self._row["trail"] = self.trail.last
 
 
 class GroundTruth:
@@ -268,19 +269,18 @@ class GroundTruth:
 
     @property
     def path_length(self) -> float:
-        return float(self._rows.numbers[self._index, at.PATH_LENGTH])
+        return float(self._rows.numbers["path_length"][self._index])
 
     def remember(self) -> None:
         """Append the true position to the path if far enough from the last path point."""
-        x, y, theta = self._rows.numbers[self._index, at.X : at.THETA + 1].tolist()
-        if self.trail.append(Pose2D(x, y, theta)):
-            self._rows.numbers[self._index, at.TRUE_TRAIL : at.TRUE_TRAIL + 2] = self.trail.last
+        if self.trail.append(self.state.pose):
+            self._rows.numbers["true_trail"][self._index] = self.trail.last
 
     def update(self) -> None:
         """Update true path and path length after a motion that kernels did not simulate."""
         row = self._rows.numbers[self._index]
-        row[at.PATH_LENGTH] += distance(row[at.X] - row[at.LAST_X], row[at.Y] - row[at.LAST_Y])
-        row[at.LAST_X : at.LAST_THETA + 1] = row[at.X : at.THETA + 1]
+        row["path_length"] += distance(row["x"] - row["last_pose"][0], row["y"] - row["last_pose"][1])
+        row["last_pose"] = row["x"], row["y"], row["theta"]
         self.remember()
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numba.typed import List
 
 from lidarnaut.envs.compilation import njit
+from lidarnaut.envs.simulation.records import ROW
 
 
 @njit(cache=True)
@@ -25,7 +26,7 @@ def put(items, i, item):
 
 
 class RobotRows:
-    """State vectors, scans and maps of identical robots, of one environment or of many. Contains ground truth."""
+    """Records, scans and maps of identical robots, of one environment or of many. Contains ground truth."""
 
     task_arrays: Sequence[Any] | None = None
     """`Task.arrays` of many environments, as Numba lists; None for one environment, whose parts know the task."""
@@ -44,6 +45,9 @@ class RobotRows:
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_levels": {}}  # Numba lists cannot be pickled
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, numbers=state["numbers"].view(ROW))  # as `Rows` do
 
     def levels(self, resolution: float) -> Sequence[Any]:
         """Return the maps of all robots, reduced to cells of about `resolution` [m], for cropping map images.

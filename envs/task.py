@@ -18,14 +18,13 @@ from lidarnaut.envs.measures import TIME_TO_SUCCESS, Measure
 from lidarnaut.envs.robot import MAX_PERSON_GAP, Prior, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.transition import pose_errors
 from lidarnaut.envs.worlds import World
 
-COLUMNS = {"forward_speed": at.V, "yaw_rate": at.W, "action_v": at.ACTION_V, "action_w": at.ACTION_W}
-COLUMNS |= {"acceleration": at.ACCELERATION, "jerk": at.JERK, "person_gap": at.PERSON_GAP}
+COLUMNS = {"forward_speed": "v", "yaw_rate": "w"}
+COLUMNS |= {name: name for name in ("action_v", "action_w", "acceleration", "jerk", "person_gap")}
 SHARED_QUANTITIES = (*COLUMNS, "obstacle_gap", "position_error", "yaw_error")
-"""Quantities of all tasks, see `Rewards`. `COLUMNS`: indices of some in a robot's state vector."""
+"""Quantities of all tasks, see `Rewards`. `COLUMNS`: fields of some in a robot's record."""
 DEFAULT_TIME_LIMIT = 300.0
 NOWHERE = World("unknown", np.empty((0, 4)), np.empty((0, 3)), (ORIGIN,), (0.0, 0.0, 0.0, 0.0))
 """World without walls, in the place of an unknown one."""
@@ -167,9 +166,10 @@ class Quantities(dict[str, Any]):
     def __missing__(self, name: str) -> Any:
         rows, world = self._env.rows.numbers, self._env.world
         if name in COLUMNS:
-            values = rows[:, COLUMNS[name]].copy()
+            values = rows[COLUMNS[name]].copy()
         elif name == "obstacle_gap":
-            bodies, values = rows[:, [at.X, at.Y, at.ROBOT]], np.empty(len(rows))
+            bodies = np.stack([rows["x"], rows["y"], rows["radius"]], axis=1)
+            values = np.empty(len(rows))
             for k, (x, y, radius) in enumerate(bodies.tolist()):
                 circles = np.ascontiguousarray(np.vstack([world.circles, np.delete(bodies, k, axis=0)]))
                 values[k] = min(max(clearance(x, y, world.segments, circles) - radius, 0.0), MAX_PERSON_GAP)

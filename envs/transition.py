@@ -8,6 +8,7 @@ from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.trail import TRAIL_SPACING
 from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.pose import between, compose, distance
+from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.navigation.controllers.navigator_kernels import (
     DRIVING,
     check_progress,
@@ -15,13 +16,13 @@ from lidarnaut.envs.navigation.controllers.navigator_kernels import (
     update_obstacles,
 )
 from lidarnaut.envs.robot import MAX_PERSON_GAP, MAX_TIME_TO_COLLISION, ONE_ACTIVE, REMEMBER, REMEMBER_TRUE, SCAN
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.contact import drove_into
 from lidarnaut.envs.simulation.crowd import person_row as crowd_at
 from lidarnaut.envs.simulation.kinematic import step_robots
+from lidarnaut.envs.simulation.records import TOUCHED_PERSON, MotionSettings
 from lidarnaut.envs.slam.key_scans import has_moved
 
-NUM_MOTION_SETTINGS = len(at.MotionSettings._fields)
+NUM_MOTION_SETTINGS = len(MotionSettings._fields)
 PERSONAL_SPACE = 0.45
 """Gap between footprint and person that bounds personal space [m]: intimate distance of Hall, "The Hidden Dimension"
 (1966)."""
@@ -32,25 +33,15 @@ BY_NOBODY, BY_ROBOT_ALONE, BY_ROBOT, BY_PERSON = range(4)
 
 
 @njit(cache=True, error_model="numpy")
-def _read(row, first):
-    return row[first], row[first + 1], row[first + 2]
-
-
-@njit(cache=True, error_model="numpy")
-def _write(row, first, pose):
-    row[first], row[first + 1], row[first + 2] = pose
-
-
-@njit(cache=True, error_model="numpy")
-def _is_apart(row, trail, x, y):
-    dx, dy = x - row[trail], y - row[trail + 1]
+def _is_apart(trail, x, y):
+    dx, dy = x - trail[0], y - trail[1]
     return dx * dx + dy * dy >= TRAIL_SPACING * TRAIL_SPACING
 
 
 @njit(cache=True, error_model="numpy")
 def _watch_people(row, people):
-    x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
-    vx, vy = (x - row[at.LAST_X]) / period, (y - row[at.LAST_Y]) / period
+    x, y, radius, period = row.x, row.y, row.radius, row.period
+    vx, vy = (x - row.last_pose[0]) / period, (y - row.last_pose[1]) / period
     gap, time = MAX_PERSON_GAP, MAX_TIME_TO_COLLISION
     for i in range(people.shape[0]):
         dx, dy = people[i, crowd_at.X] - x, people[i, crowd_at.Y] - y
@@ -62,17 +53,17 @@ def _watch_people(row, people):
         root = closing * closing - speed2 * rest
         if closing > 0.0 and root >= 0.0:
             time = min(time, max(closing - math.sqrt(root), 0.0) / speed2)
-    row[at.PERSON_GAP], row[at.LEAST_GAP] = gap, min(row[at.LEAST_GAP], max(gap, 0.0))
-    row[at.LEAST_TIME] = min(row[at.LEAST_TIME], time)
-    row[at.INTRUSION] += period * (gap < PERSONAL_SPACE)
-    row[at.TOUCHED_BY] = BY_NOBODY
-    if row[at.TOUCHED] > 0.0:
-        person = int(row[at.TOUCHED]) - at.TOUCHED_PERSON
-        row[at.TOUCHED_BY] = BY_ROBOT_ALONE
+    row.person_gap, row.least_gap = gap, min(row.least_gap, max(gap, 0.0))
+    row.least_time = min(row.least_time, time)
+    row.intrusion += period * (gap < PERSONAL_SPACE)
+    row.touched_by = BY_NOBODY
+    if row.touched > 0.0:
+        person = int(row.touched) - TOUCHED_PERSON
+        row.touched_by = BY_ROBOT_ALONE
         if person >= 0:
-            row[at.TOUCHED_BY] = BY_ROBOT if drove_into(row, people[person]) else BY_PERSON
-        if not row[at.LAST_TOUCHED] > 0.0:
-            row[at.HIT_WALL + int(row[at.TOUCHED_BY]) - BY_ROBOT_ALONE] += 1.0
+            row.touched_by = BY_ROBOT if drove_into(row, people[person]) else BY_PERSON
+        if not row.last_touched > 0.0:
+            row.hits[int(row.touched_by) - BY_ROBOT_ALONE] += 1.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -81,8 +72,8 @@ def store_actions(rows, actions, limits):
     twists = np.empty((rows.shape[0], 2))
     for k in range(rows.shape[0]):
         row = rows[k]
-        row[at.ACTION_V], row[at.ACTION_W] = actions[k, 0], actions[k, 1]
-        twists[k, 0], twists[k, 1] = row[at.ACTION_V] * limits[0], row[at.ACTION_W] * limits[1]
+        row.action_v, row.action_w = actions[k, 0], actions[k, 1]
+        twists[k, 0], twists[k, 1] = row.action_v * limits[0], row.action_w * limits[1]
     return twists
 
 
@@ -90,39 +81,39 @@ def store_actions(rows, actions, limits):
 def update_robots(rows, people):
     """Update robot states after a control period: contacts, predicted pose, and flags such as `SCAN`.
 
-    The predicted pose follows odometry from the last processed scan. `rows`: robot states, shape (n, ROW_SIZE).
+    The predicted pose follows odometry from the last processed scan. `rows`: records of robots.
     `people`: states of people.
     """
     for k in range(rows.shape[0]):
         row = rows[k]
-        setup = at.MotionSettings(*as_tuple(row[at.MOTION_SETTINGS : at.ODOMETRY_SETTINGS], NUM_MOTION_SETTINGS))
-        before, now, x, y = _read(row, at.LAST_X), _read(row, at.X), row[at.X], row[at.Y]
+        setup = MotionSettings(*as_tuple(row.motion_settings, NUM_MOTION_SETTINGS))
+        before, now, x, y = as_tuple(row.last_pose, 3), (row.x, row.y, row.theta), row.x, row.y
         _watch_people(row, people)
-        row[at.COLLISIONS] += row[at.TOUCHED] > 0.0 and not row[at.LAST_TOUCHED] > 0.0
-        row[at.PATH_LENGTH] += distance(x - before[0], y - before[1])
-        motion = _read(row, at.ODOMETRY)
-        if row[at.TOUCHED] > 0.0:
-            row[at.SLIP] += distance(motion[0], motion[1])
-        row[at.TWIST_V], row[at.TWIST_W] = motion[0] / row[at.PERIOD], motion[2] / row[at.PERIOD]
-        acceleration = (row[at.COMMANDED_V] - row[at.LAST_V]) / row[at.PERIOD]
-        row[at.JERK] = abs(acceleration - row[at.ACCELERATION]) / row[at.PERIOD]
-        row[at.LAST_V], row[at.ACCELERATION] = row[at.COMMANDED_V], acceleration
+        row.collisions += row.touched > 0.0 and not row.last_touched > 0.0
+        row.path_length += distance(x - before[0], y - before[1])
+        motion = as_tuple(row.odometry, 3)
+        if row.touched > 0.0:
+            row.slip += distance(motion[0], motion[1])
+        row.twist[0], row.twist[1] = motion[0] / row.period, motion[2] / row.period
+        acceleration = (row.commanded_v - row.last_v) / row.period
+        row.jerk = abs(acceleration - row.acceleration) / row.period
+        row.last_v, row.acceleration = row.commanded_v, acceleration
         if setup.uses_truth > 0.0:
             motion = between(before[0], before[1], before[2], now[0], now[1], now[2])
-        _write(row, at.MOTION, motion)
-        pose, last = _read(row, at.POSE), _read(row, at.KEY_POSE)
+        write_row(row.motion, motion)
+        pose, last = as_tuple(row.pose, 3), as_tuple(row.key_pose, 3)
         pose = compose(pose[0], pose[1], pose[2], motion[0], motion[1], motion[2])
-        _write(row, at.POSE, pose)
-        row[at.FLAGS] = 0
+        write_row(row.pose, pose)
+        row.pending = 0
         travel, turn = setup.min_travel_distance, setup.min_travel_angle
         if has_moved(last[0], last[1], last[2], pose[0], pose[1], pose[2], travel, turn):
-            row[at.FLAGS] = SCAN
-        elif _is_apart(row, at.TRAIL, pose[0], pose[1]):
-            row[at.FLAGS] = REMEMBER
-        if _is_apart(row, at.TRUE_TRAIL, x, y):
-            row[at.FLAGS] += REMEMBER_TRUE
-        _write(row, at.LAST_X, now)
-        row[at.LAST_TOUCHED] = row[at.TOUCHED]
+            row.pending = SCAN
+        elif _is_apart(row.trail, pose[0], pose[1]):
+            row.pending = REMEMBER
+        if _is_apart(row.true_trail, x, y):
+            row.pending += REMEMBER_TRUE
+        write_row(row.last_pose, now)
+        row.last_touched = row.touched
 
 
 @njit(cache=True, error_model="numpy")
@@ -150,19 +141,19 @@ def record_positions(rows, active, positions, counts):
     """
     is_full = False
     for k in range(rows.shape[0]):
-        row, flags = rows[k], int(rows[k, at.FLAGS])
+        row, flags = rows[k], int(rows[k].pending)
         if not active[k]:
             continue
-        for kind, (flag, place, trail) in enumerate(
-            ((REMEMBER, at.POSE, at.TRAIL), (REMEMBER_TRUE, at.X, at.TRUE_TRAIL))
+        for kind, (flag, (x, y), trail) in enumerate(
+            ((REMEMBER, (row.pose[0], row.pose[1]), row.trail), (REMEMBER_TRUE, (row.x, row.y), row.true_trail))
         ):
             if flags & flag:
-                row[trail], row[trail + 1] = row[place], row[place + 1]
-                positions[k, counts[k, kind], 2 * kind] = row[place]
-                positions[k, counts[k, kind], 2 * kind + 1] = row[place + 1]
+                trail[0], trail[1] = x, y
+                positions[k, counts[k, kind], 2 * kind] = x
+                positions[k, counts[k, kind], 2 * kind + 1] = y
                 counts[k, kind] += 1
                 is_full |= counts[k, kind] == positions.shape[1]
-                row[at.FLAGS] -= flag
+                row.pending -= flag
     return is_full
 
 
@@ -182,21 +173,21 @@ def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_
     segments, circles, magnets, crowd = world_arrays
     row, record, no_points = rows[0], navigators[0], obstacles[:0]
     noted[1][:] = contacts = 0
-    num_steps = min(max_steps, draws.shape[1] - 1 - int(row[at.DRAW]))
+    num_steps = min(max_steps, draws.shape[1] - 1 - int(row.draw))
     for k in range(num_steps):
-        pose = (row[at.POSE], row[at.POSE + 1], row[at.POSE + 2])
-        v, w = compute_velocity_command(navigators, navigator.path, obstacles, pose, row[at.TWIST_V], constants)
-        row[at.COMMAND_V], row[at.COMMAND_W] = v, w
+        pose = as_tuple(row.pose, 3)
+        v, w = compute_velocity_command(navigators, navigator.path, obstacles, pose, row.twist[0], constants)
+        row.command[0], row.command[1] = v, w
         step_robots(rows, draws, ranges, segments, circles, magnets, crowd)
         update_robots(rows, crowd[0])
-        flags, touched = int(row[at.FLAGS]), row[at.TOUCHED] > 0.0
+        flags, touched = int(row.pending), row.touched > 0.0
         record_positions(rows, ONE_ACTIVE, *noted)
-        motion = (row[at.ODOMETRY], row[at.ODOMETRY + 1], row[at.ODOMETRY + 2])
+        motion = as_tuple(row.odometry, 3)
         sensors = (ranges[0], navigator.geometry, touched)
         update_obstacles(navigators, obstacles, sensors, motion, no_points, constants)
         if flags & SCAN or k == num_steps - 1:
             return k + 1, UNCHECKED, contacts
-        pose = (row[at.POSE], row[at.POSE + 1], row[at.POSE + 2])
+        pose = as_tuple(row.pose, 3)
         progress = check_progress(navigators, obstacles, pose, touched, constants)
         if progress != DRIVING or record.steps >= check_from:
             return k + 1, progress, contacts
@@ -206,11 +197,10 @@ def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_
 
 def people_metrics(rows: np.ndarray) -> dict[str, float]:
     """Return the episode's metrics about people, over all robots: contacts, gaps and times."""
-    least = {"least_gap": at.LEAST_GAP, "least_time_to_collision": at.LEAST_TIME}
-    total = {"intrusion_time": at.INTRUSION}
-    total |= {"hit_wall": at.HIT_WALL, "hit_person": at.HIT_PERSON, "hit_by_person": at.HIT_BY_PERSON}
-    numbers = {name: float(rows[:, k].min()) for name, k in least.items()}
-    return numbers | {name: float(rows[:, k].sum()) for name, k in total.items()}
+    hit_wall, hit_person, hit_by_person = rows["hits"].sum(axis=0).tolist()
+    numbers = {"least_gap": rows["least_gap"].min(), "least_time_to_collision": rows["least_time"].min()}
+    numbers = {name: float(number) for name, number in (numbers | {"intrusion_time": rows["intrusion"].sum()}).items()}
+    return numbers | {"hit_wall": hit_wall, "hit_person": hit_person, "hit_by_person": hit_by_person}
 
 
 @njit(cache=True, error_model="numpy")
@@ -218,7 +208,8 @@ def pose_errors(rows):
     """Return the errors of pose estimates, shape (num_robots, 2), float64: distance [m], angle [rad]."""
     errors = np.empty((rows.shape[0], 2))
     for k in range(rows.shape[0]):
-        start, pose, true = _read(rows[k], at.MAP_POSE), _read(rows[k], at.POSE), _read(rows[k], at.X)
+        row = rows[k]
+        start, pose, true = as_tuple(row.map_pose, 3), as_tuple(row.pose, 3), (row.x, row.y, row.theta)
         pose = compose(start[0], start[1], start[2], pose[0], pose[1], pose[2])
         dx, dy, turn = between(pose[0], pose[1], pose[2], true[0], true[1], true[2])
         errors[k, 0], errors[k, 1] = distance(dx, dy), abs(turn)

@@ -3,10 +3,10 @@ from numba import njit
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
-from lidarnaut.envs.simulation import records as robots_at
 from lidarnaut.envs.simulation.crowd import Crowd, People
 from lidarnaut.envs.simulation.crowd import person_row as at
 from lidarnaut.envs.simulation.crowd.step import step_people
+from lidarnaut.envs.simulation.records import ROW
 from tests.rooms import make_room
 
 PERIOD = 0.1
@@ -25,9 +25,9 @@ SCENES = {
 
 
 def robots_at_poses(*poses, radius=0.3):
-    rows = np.zeros((len(poses), robots_at.ROW_SIZE))
-    rows[:, [robots_at.X, robots_at.Y, robots_at.THETA, robots_at.V]] = poses
-    rows[:, robots_at.PERIOD], rows[:, robots_at.ROBOT] = PERIOD, radius
+    rows = np.zeros(len(poses), ROW)
+    rows["x"], rows["y"], rows["theta"], rows["v"] = np.transpose(poses)
+    rows["period"], rows["radius"] = PERIOD, radius
     return rows
 
 

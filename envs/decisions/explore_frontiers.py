@@ -27,7 +27,6 @@ from lidarnaut.envs.observations import FAR_PIXEL, MapCrop
 from lidarnaut.envs.robot import SCAN, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.slide import DRIVEN, Slide
 from lidarnaut.envs.task import COLUMNS
 from lidarnaut.envs.tasks.explore import Explore
@@ -349,7 +348,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         count, progress, num_contacts = env.period.drive(navigator.navigator, navigator.check_from)
         self._note(count, num_contacts)
         reading, belief = robot.reading, robot.belief
-        if int(env.rows.numbers[0, at.FLAGS]) & SCAN:
+        if int(env.rows.numbers["pending"][0]) & SCAN:
             navigator.integrate(belief)
         if any(env.is_over):
             navigator.find_candidates(reading, belief)

@@ -8,7 +8,6 @@ from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.map_pyramid import crop_level
 from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 MAX_SIZE = 4096
@@ -24,8 +23,8 @@ def crop_levels(maps, frames, rows, resolution, active, out):
     for k in range(active.shape[0]):
         if active[k]:
             left, low, side, height, width = frames[k]
-            x, y = (rows[k, at.POSE] - left) / side, (rows[k, at.POSE + 1] - low) / side
-            crop_level(maps[k], int(height), int(width), x, y, rows[k, at.POSE + 2], resolution / side, out[k])
+            x, y = (rows[k].pose[0] - left) / side, (rows[k].pose[1] - low) / side
+            crop_level(maps[k], int(height), int(width), x, y, rows[k].pose[2], resolution / side, out[k])
 
 
 class MapCrop(RowPart):

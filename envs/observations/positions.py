@@ -13,7 +13,6 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import BoxPart, RowPart
 
 GOAL_RANGE = 32.0
@@ -59,8 +58,8 @@ def write_goals(rows, goals, tells_distance, active, out):
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]
-            dx, dy = goals[k, 0] - row[at.POSE], goals[k, 1] - row[at.POSE + 1]
-            away, bearing = distance(dx, dy), math.atan2(dy, dx) - row[at.POSE + 2]
+            dx, dy = goals[k, 0] - row.pose[0], goals[k, 1] - row.pose[1]
+            away, bearing = distance(dx, dy), math.atan2(dy, dx) - row.pose[2]
             if tells_distance:
                 out[k, 0], out[k, 3] = min(away / NEAR_RANGE, 1.0), 1.0 / (1.0 + away)
             out[k, tells_distance], out[k, tells_distance + 1] = math.cos(bearing), math.sin(bearing)

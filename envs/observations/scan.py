@@ -8,7 +8,6 @@ from gymnasium import spaces
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 TIME_RANGE = 600.0
@@ -47,10 +46,10 @@ def scale_motions(rows, limits, active, out):
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]
-            out[k, 0] = min(max(row[at.TWIST_V] / limits[0], -1.0), 1.0)
-            out[k, 1] = min(max(row[at.TWIST_W] / limits[1], -1.0), 1.0)
-            out[k, 2], out[k, 3], out[k, 4] = row[at.ACTION_V], row[at.ACTION_W], row[at.TOUCHED] > 0.0
-            out[k, 5] = min(row[at.TIME] / TIME_RANGE, 1.0)
+            out[k, 0] = min(max(row.twist[0] / limits[0], -1.0), 1.0)
+            out[k, 1] = min(max(row.twist[1] / limits[1], -1.0), 1.0)
+            out[k, 2], out[k, 3], out[k, 4] = row.action_v, row.action_w, row.touched > 0.0
+            out[k, 5] = min(row.time / TIME_RANGE, 1.0)
 
 
 class Limits(RowPart):

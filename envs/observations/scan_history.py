@@ -14,7 +14,6 @@ from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 NEARNESS = 0.5
@@ -131,9 +130,9 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
         if not active[i]:
             continue
         ring = memory[i].reshape(-1, MOTION + count)
-        steps, num_slots = int(rows[i, at.STEPS]), ring.shape[0]
+        steps, num_slots = int(rows[i].steps), ring.shape[0]
         newest = ring[steps % num_slots]
-        write_row(newest, rows[i, at.ODOMETRY : at.ODOMETRY + MOTION])
+        write_row(newest, rows[i].odometry)
         pool_scan(ranges[i], sectors.beams, newest[MOTION:])
         motion, age = (0.0, 0.0, 0.0), 0
         for j in range(lags.shape[0]):

@@ -18,10 +18,10 @@ from lidarnaut.envs.estimation.tracking import (
     tracker_numbers,
     write_bodies,
 )
+from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 SPEEDS = -0.3, 0.0, 0.15, 0.3, 0.65, 1.0
@@ -205,14 +205,14 @@ def write_trajectories(rows, ranges, memory, active, geometry, limits, tracker, 
         if not active[i]:
             continue
         row, state, tracks = rows[i], states[i], all_tracks[i].reshape(MAX_TRACKS, TRACK_SIZE)
-        if row[at.STEPS] != state[STEPS]:
+        if row.steps != state[STEPS]:
             kept = all_scans[i].reshape(-1, ranges.shape[1]), all_poses[i].reshape(-1, 4)
-            motion = row[at.ODOMETRY], row[at.ODOMETRY + 1], row[at.ODOMETRY + 2]
-            track_people(ranges[i], geometry, motion, row[at.PERIOD], state, tracks, kept, clusters, tracker)
-            state[STEPS] = row[at.STEPS]
+            motion = as_tuple(row.odometry, 3)
+            track_people(ranges[i], geometry, motion, row.period, state, tracks, kept, clusters, tracker)
+            state[STEPS] = row.steps
         found = people[: write_bodies(state, tracks, people)]
         count = find_walls(ranges[i], geometry, found, points)
-        now = row[at.TWIST_V], row[at.TWIST_W]
+        now = as_tuple(row.twist, 2)
         predict_outcomes(now, limits, points[:, :count], found, twists, out[i])
 
 

@@ -15,7 +15,7 @@ from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls
 from .crowd import Crowd
 from .crowd.step import step_people
 from .physics import Simulator
-from .records import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, TOUCHED_PERSON, X, Y, robot_record
+from .records import TOUCHED_PERSON, robot_record
 
 GRAVITY = 9.81
 SOLVER_ITERATIONS = 15
@@ -46,7 +46,7 @@ class BulletSimulator(Simulator):
         self._substeps = int(robot_record(robot, self._period).substeps)
         fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
         self._reach = 2.0 * (robot.radius + fastest * self._period)
-        self.robots = [BulletRobot(robot, self._period, row) for row in self.rows.numbers[:, :STATE_SIZE]]
+        self.robots = [BulletRobot(robot, self._period, row) for row in self.rows.numbers]
         self._built: World | None = None
 
     def close(self) -> None:
@@ -72,14 +72,14 @@ class BulletSimulator(Simulator):
     def _move(self, world: World) -> None:
         rows, numbers = self.rows, self.rows.numbers
         rows.tick()
-        numbers[:, TOUCHED] = 0.0
+        numbers["touched"] = 0.0
         if len(self.crowd.rows):
             step_people(*self.crowd.arrays, numbers)
             self._place_people()
         for robot, row, draws in zip(self.robots, numbers, rows.draws, strict=True):
-            robot.plan(row[COMMAND_V : COMMAND_W + 1], draws[int(row[DRAW])])
+            robot.plan(row["command"], draws[int(row["draw"])])
         if self._nearby is not None:
-            self._nearby.follow(numbers[:, [X, Y]])
+            self._nearby.follow(np.stack([numbers["x"], numbers["y"]], axis=1))
         for substep in range(self._substeps):
             for robot in self.robots:
                 robot.turn_wheels(substep)
@@ -88,9 +88,9 @@ class BulletSimulator(Simulator):
                 robot.update_contacts()
         for robot, row in zip(self.robots, numbers, strict=True):
             robot.update_state()
-            row[TOUCHED] = max(row[TOUCHED], float(bool(robot.touched)))
+            row["touched"] = max(row["touched"], float(bool(robot.touched)))
             for person in robot.touched.intersection(self._people):
-                row[TOUCHED] = TOUCHED_PERSON + self._people.index(person)
+                row["touched"] = TOUCHED_PERSON + self._people.index(person)
         self.sense()
 
     def _reset_world(self) -> World:

@@ -11,10 +11,10 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.robots import BodyParams, RobotParams
 from lidarnaut.envs.worlds import World
 
-from . import records as at
 from .bullet_world import CHASSIS, GROUND, OBSTACLES, ROLLING, BulletClient
 from .contact import is_cut
 from .kinematic import plan_wheels
+from .records import robot_record, unpack_robot
 
 WHEEL_LINKS = (0, 1)
 CHASSIS_LINK = 2
@@ -99,16 +99,16 @@ def _inertia(body: BodyParams) -> list[float]:
 
 
 @njit(cache=True, error_model="numpy")
-def _plan_wheels(reached, command, normals, numbers, rates, slips):
-    return plan_wheels(reached, command, normals, at.unpack_robot(numbers), rates, slips)
+def _plan_wheels(reached, command, normals, row, rates, slips):
+    return plan_wheels(reached, command, normals, unpack_robot(row), rates, slips)
 
 
 class BulletRobot:
     """Rigid body of a robot in PyBullet, with wheel controller and torque-limited motors."""
 
-    def __init__(self, robot: RobotParams, control_period: float, row: np.ndarray) -> None:
-        record = at.robot_record(robot, control_period)
-        self._robot, self._numbers, self._row = robot, np.array(record), row
+    def __init__(self, robot: RobotParams, control_period: float, row: np.void) -> None:
+        record = robot_record(robot, control_period)
+        self._robot, self._row = robot, row
         substeps, self._period = int(record.substeps), record.period
         self._dt = self._period / substeps
         fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
@@ -131,12 +131,11 @@ class BulletRobot:
 
     def reset_pose(self, pose: Pose2D) -> None:
         self._settle(pose, [0.0] * 3, [0.0] * 3)
-        self._row[:] = 0.0
-        self._row[: at.THETA + 1] = pose
+        self._row["x"], self._row["y"], self._row["theta"] = pose
         self._rolled, self._slipped = np.zeros(2), np.zeros(2)
         self.touched = set()
         self.update_state()
-        self._row[at.MEAN_W] = 0.0
+        self._row["mean_w"] = 0.0
 
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
         """Compute the wheel rates of each physics step in a control period.
@@ -144,8 +143,8 @@ class BulletRobot:
         `command`: twist (v, w) [m/s, rad/s]. `normals`: standard normal numbers, the first two for wheel slip.
         """
         row, rates, slips = self._row, self._rates, self._slips
-        reached = (row[at.COMMANDED_V], row[at.COMMANDED_W])
-        row[at.COMMANDED_V], row[at.COMMANDED_W] = _plan_wheels(reached, command, normals, self._numbers, rates, slips)
+        reached = (row["commanded_v"], row["commanded_w"])
+        row["commanded_v"], row["commanded_w"] = _plan_wheels(reached, command, normals, row, rates, slips)
         self._targets = (rates + slips).tolist()
         if self._robot.odometry.open_loop:
             self._rolled += rates.sum(axis=0) * self._dt
@@ -173,30 +172,34 @@ class BulletRobot:
         row = self._row
         is_back = rotation[8] < 0.0 or self._is_through((x, y, theta))
         if is_back:
-            x, y, theta = row[: at.THETA + 1].tolist()
+            x, y, theta = self._pose
             linear = angular = (0.0, 0.0, 0.0)
             self.touched.add(self._body)
         if is_back or rotation[8] < _MIN_COS_TILT:
             self._settle(Pose2D(x, y, theta), linear, angular)
         # The commanded yaw rate determines the number of full turns.
-        period, expected = self._period, row[at.COMMANDED_W]
-        row[at.MEAN_W] = expected + wrap_angle(theta - row[at.THETA] - expected * period) / period
-        row[at.X], row[at.Y], row[at.THETA] = x, y, wrap_angle(theta)
-        row[at.V], row[at.W] = linear[0] * math.cos(theta) + linear[1] * math.sin(theta), angular[2]
+        period, expected = self._period, row["commanded_w"]
+        row["mean_w"] = expected + wrap_angle(theta - row["theta"] - expected * period) / period
+        row["x"], row["y"], row["theta"] = x, y, wrap_angle(theta)
+        row["v"], row["w"] = linear[0] * math.cos(theta) + linear[1] * math.sin(theta), angular[2]
         if self._robot.odometry.open_loop:
-            row[at.LEFT_ANGLE], row[at.RIGHT_ANGLE] = self._rolled
+            row["left_angle"], row["right_angle"] = self._rolled
         else:
             left, right = self._bullet.getJointStates(self._body, WHEEL_LINKS)
-            row[at.LEFT_ANGLE], row[at.RIGHT_ANGLE] = left[0] - self._slipped[0], right[0] - self._slipped[1]
+            row["left_angle"], row["right_angle"] = left[0] - self._slipped[0], right[0] - self._slipped[1]
 
     def _settle(self, pose: Pose2D, linear: Sequence[float], angular: Sequence[float]) -> None:
         self._set_pose(pose, self._robot.drive.wheel_radius)
         self._bullet.resetBaseVelocity(self._body, [*linear[:2], 0.0], [0.0, 0.0, angular[2]])
 
     def _is_through(self, pose: tuple[float, float, float]) -> bool:
-        before, core, walls = tuple(self._row[: at.THETA + 1].tolist()), self._core, self._walls
+        before, core, walls = self._pose, self._core, self._walls
         # A body larger than its footprint may start inside a wall.
         return is_cut(pose, before, core, *walls) and not is_cut(before, before, core, *walls)
+
+    @property
+    def _pose(self) -> tuple[float, float, float]:
+        return float(self._row["x"]), float(self._row["y"]), float(self._row["theta"])
 
     def _set_pose(self, pose: Pose2D, height: float) -> None:
         orientation = [0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)]

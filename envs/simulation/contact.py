@@ -12,7 +12,7 @@ from lidarnaut.envs.geometry.clearance import clearance, segment_offset
 from lidarnaut.envs.worlds import World
 
 from .crowd import person_row as crowd_at
-from .records import COMMANDED_V, ROBOT, THETA, TOUCHED, TOUCHED_PERSON, X, Y
+from .records import TOUCHED_PERSON
 
 _MAX_PUSHES = 12
 _TOLERANCE = 1e-6
@@ -166,14 +166,14 @@ class Contact(NamedTuple):
 @njit(cache=True, error_model="numpy")
 def approach(row, x, y):
     """Return the commanded speed of a robot towards the point (x, y) [m/s]."""
-    dx, dy = x - row[X], y - row[Y]
-    return row[COMMANDED_V] * (dx * math.cos(row[THETA]) + dy * math.sin(row[THETA])) / max(math.hypot(dx, dy), 1e-9)
+    dx, dy = x - row.x, y - row.y
+    return row.commanded_v * (dx * math.cos(row.theta) + dy * math.sin(row.theta)) / max(math.hypot(dx, dy), 1e-9)
 
 
 @njit(cache=True, error_model="numpy")
 def drove_into(row, person):
     """Return True if a robot caused contact with a person, by approaching faster than the person."""
-    dx, dy = person[crowd_at.X] - row[X], person[crowd_at.Y] - row[Y]
+    dx, dy = person[crowd_at.X] - row.x, person[crowd_at.Y] - row.y
     closing = -(person[crowd_at.VX] * dx + person[crowd_at.VY] * dy) / max(math.hypot(dx, dy), 1e-9)
     return approach(row, person[crowd_at.X], person[crowd_at.Y]) > max(closing, person[crowd_at.BLOCKED], FAULT_SPEED)
 
@@ -181,15 +181,15 @@ def drove_into(row, person):
 def find_contacts(rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
     """Return the contacts of all robots in the last control period.
 
-    A robot in contact is reported to touch the nearest object and all objects within 1 cm. `rows`, `people`: state
-    vectors.
+    A robot in contact is reported to touch the nearest object and all objects within 1 cm. `rows`: records of robots.
+    `people`: state vectors.
     """
     contacts = []
-    positions, radius = rows[:, : Y + 1], rows[0, ROBOT]
+    positions, radius = np.stack([rows["x"], rows["y"]], axis=1), rows["radius"][0]
     bodies = people[:, [crowd_at.X, crowd_at.Y, crowd_at.RADIUS]]
     starts, along = world.segments[:, :2], world.segments[:, 2:] - world.segments[:, :2]
-    for k in np.flatnonzero(rows[:, TOUCHED] > 0.0).tolist():
-        at, person = positions[k], int(rows[k, TOUCHED]) - TOUCHED_PERSON
+    for k in np.flatnonzero(rows["touched"] > 0.0).tolist():
+        at, person = positions[k], int(rows["touched"][k]) - TOUCHED_PERSON
         share = ((at - starts) * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-300)
         gaps: dict[Kind, np.ndarray] = {
             "wall": np.hypot(*(at - starts - np.clip(share, 0.0, 1.0)[:, None] * along).T) - radius,

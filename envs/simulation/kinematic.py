@@ -9,10 +9,10 @@ from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.worlds import World
 
-from . import records as at
 from .contact import push_out, select_near
 from .crowd.step import step_people, with_bodies, with_people
 from .physics import Simulator
+from .records import TOUCHED_PERSON, unpack_robot
 from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 
 SLIP_MARGIN = 0.5
@@ -60,7 +60,7 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
 def advance(state, command, normals, robot, segments, circles):
     """Move a robot by one control period. The footprint slides along obstacles.
 
-    `state`: state vector, updated. `command`: twist (v, w) [m/s, rad/s]. `normals`: random numbers for wheel slip.
+    `state`: record, updated. `command`: twist (v, w) [m/s, rad/s]. `normals`: random numbers for wheel slip.
     `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m].
 
     Returns:
@@ -70,12 +70,12 @@ def advance(state, command, normals, robot, segments, circles):
     dt = robot.period / substeps
     fastest = robot.max_v * robot.wheel_radius / robot.assumed_wheel_radius
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
-    ahead, near_x, near_y = fastest * robot.period, state[at.X], state[at.Y]
+    ahead, near_x, near_y = fastest * robot.period, state.x, state.y
     num_near = select_near(near_x, near_y, 2.0 * (robot.radius + ahead), segments, near)
     hits = np.zeros(circles.shape[0], dtype=np.bool_)
     rates, slips = np.empty((substeps, 2)), np.empty((substeps, 2))
-    reached = (state[at.COMMANDED_V], state[at.COMMANDED_W])
-    state[at.COMMANDED_V], state[at.COMMANDED_W] = plan_wheels(reached, command, normals, robot, rates, slips)
+    reached = (state.commanded_v, state.commanded_w)
+    state.commanded_v, state.commanded_w = plan_wheels(reached, command, normals, robot, rates, slips)
     touched = False
     turned = 0.0
     for step in range(substeps):
@@ -84,7 +84,7 @@ def advance(state, command, normals, robot, segments, circles):
         turn = (right - left) / robot.track
         half = 0.5 * turn
         chord = 0.5 * (left + right) * (math.sin(half) / half if half != 0.0 else 1.0)
-        x, y, theta = state[at.X], state[at.Y], state[at.THETA]
+        x, y, theta = state.x, state.y, state.theta
         if (x - near_x) ** 2 + (y - near_y) ** 2 > ahead * ahead:
             num_near, near_x, near_y = select_near(x, y, 2.0 * (robot.radius + ahead), segments, near), x, y
         c, s = math.cos(theta + half), math.sin(theta + half)
@@ -96,12 +96,12 @@ def advance(state, command, normals, robot, segments, circles):
             limit = max(_MAX_SLIDE_RATIO * abs(chord), 0.5 * robot.radius)
             if not free or math.hypot(new_x - x, new_y - y) > limit:
                 new_x, new_y = x, y
-        state[at.X], state[at.Y], state[at.THETA] = new_x, new_y, wrap_angle(theta + turn)
+        state.x, state.y, state.theta = new_x, new_y, wrap_angle(theta + turn)
         turned += turn
-        state[at.LEFT_ANGLE] += rates[step, 0] * dt
-        state[at.RIGHT_ANGLE] += rates[step, 1] * dt
-        state[at.V], state[at.W] = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt
-    state[at.MEAN_W] = turned / robot.period
+        state.left_angle += rates[step, 0] * dt
+        state.right_angle += rates[step, 1] * dt
+        state.v, state.w = ((new_x - x) * c + (new_y - y) * s) / dt, turn / dt
+    state.mean_w = turned / robot.period
     return touched, hits
 
 
@@ -109,33 +109,33 @@ def advance(state, command, normals, robot, segments, circles):
 def step_robots(rows, draws, ranges, segments, circles, magnets, crowd):
     """Move people and robots of a world by one control period, and simulate the sensors.
 
-    People move first and stop at robots. Robots move one after another. `rows`: state vectors, updated. `ranges`:
+    People move first and stop at robots. Robots move one after another. `rows`: records, updated. `ranges`:
     output, lidar ranges [m]. `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m]. `magnets`:
     `World.magnets`. `crowd`: `People.arrays`, or None without people.
     """
-    robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
+    robot, num_circles = unpack_robot(rows[0]), circles.shape[0]
     radius = robot.radius
     for k in range(rows.shape[0]):
-        rows[k, at.TOUCHED] = 0.0
-        rows[k, at.STEPS] += 1.0
-        rows[k, at.TIME] = rows[k, at.STEPS] * robot.period
-        rows[k, at.DRAW] += 1.0
+        rows[k].touched = 0.0
+        rows[k].steps += 1.0
+        rows[k].time = rows[k].steps * robot.period
+        rows[k].draw += 1.0
     if crowd is not None and crowd[0].shape[0] > 0:
         step_people(crowd[0], crowd[1], crowd[2], crowd[3], rows)
     bodies = circles if crowd is None else with_people(circles, crowd[0])
     num_fixed = bodies.shape[0]
     for k in range(rows.shape[0]):
         row = rows[k]
-        noise = draws[k, int(row[at.DRAW])]
-        command, slip = (row[at.COMMAND_V], row[at.COMMAND_W]), (noise[SLIP_LEFT], noise[SLIP_RIGHT])
+        noise = draws[k, int(row.draw)]
+        command, slip = (row.command[0], row.command[1]), (noise[SLIP_LEFT], noise[SLIP_RIGHT])
         touched, hits = advance(row, command, slip, robot, segments, with_peers(bodies, rows, k, radius))
-        row[at.TOUCHED] = max(row[at.TOUCHED], 1.0 if touched else 0.0)
+        row.touched = max(row.touched, 1.0 if touched else 0.0)
         for j in range(num_circles, hits.shape[0]):
             if hits[j] and j < num_fixed:
-                row[at.TOUCHED] = at.TOUCHED_PERSON + j - num_circles
+                row.touched = TOUCHED_PERSON + j - num_circles
             elif hits[j]:  # contact is mutual
                 peer = j - num_fixed + (j - num_fixed >= k)
-                rows[peer, at.TOUCHED] = max(rows[peer, at.TOUCHED], 1.0)
+                rows[peer].touched = max(rows[peer].touched, 1.0)
     seen = circles if crowd is None else with_bodies(circles, crowd[0], crowd[3])
     sense(rows, draws, ranges, segments, seen, magnets)
 
@@ -147,7 +147,7 @@ class KinematicSimulator(Simulator):
 
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
         for row, pose in zip(self.rows.numbers, poses, strict=True):
-            row[at.X], row[at.Y], row[at.THETA] = pose.x, pose.y, wrap_angle(pose.theta)
+            row["x"], row["y"], row["theta"] = pose.x, pose.y, wrap_angle(pose.theta)
 
     def _move(self, world: World) -> None:
         rows, crowd = self.rows, self.crowd.arrays if len(self.crowd.rows) else None

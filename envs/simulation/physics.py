@@ -15,7 +15,6 @@ from .contact import Contact, check_starts, find_contacts
 from .crowd import Crowd
 from .crowd.step import with_bodies
 from .mover import Mover
-from .records import COMMAND_V, COMMAND_W, GYRO_BIAS
 from .rows import Reading, RobotState, Twist
 from .sensors import SLIP_LEFT, sense
 from .spinning_lidar import SpinningLidar
@@ -71,7 +70,7 @@ class Simulator(Mover):
         self._place(world, poses)
         rows.draw(rngs)
         # The draw for wheel slip is unused at a reset and determines the gyroscope bias.
-        rows.numbers[:, GYRO_BIAS] = self.robot.imu.gyro_bias_std * rows.draws[:, -1, SLIP_LEFT]
+        rows.numbers["gyro_bias"] = self.robot.imu.gyro_bias_std * rows.draws[:, -1, SLIP_LEFT]
         self.sense()
         self._spin(world)
         return self._readings()
@@ -90,7 +89,7 @@ class Simulator(Mover):
         for v, w in commands:
             if not np.isfinite([v, w]).all():
                 raise ValueError(f"command must be finite, got v = {v} m/s, w = {w} rad/s")
-        self.rows.numbers[:, COMMAND_V : COMMAND_W + 1] = commands
+        self.rows.numbers["command"] = commands
         self.rows.draw_ahead(self.rngs, 1)
         self.move()
         return self._readings()

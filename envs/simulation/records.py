@@ -1,6 +1,5 @@
-"""Layout of the state vector (row) of a robot."""
+"""Layout of the record (row) of a robot: true state, measurements, estimates, statistics and parameters."""
 
-import itertools
 import math
 from collections import namedtuple
 from functools import lru_cache
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarnaut.envs.compilation import njit
-from lidarnaut.envs.geometry.lookup import as_tuple
+from lidarnaut.envs.geometry.lookup import as_tuple, record_type
 from lidarnaut.envs.robots import RobotParams
 
 SUBSTEP = 1.0 / 60.0
@@ -54,7 +53,8 @@ _SOURCES = {
 
 RobotRecord = namedtuple("RobotRecord", [*_SOURCES, "period", "substeps"])  # type: ignore[misc]
 """Robot parameters for Numba functions, all float, followed by control period [s] and substeps per period."""
-RECORD_SIZE = len(RobotRecord._fields)
+NUM_PARAMETERS = len(_SOURCES) - 1
+"""Number of robot parameters after the footprint radius."""
 
 
 class OdometrySettings(NamedTuple):
@@ -87,69 +87,61 @@ class MotionSettings(NamedTuple):
     min_travel_angle: float
 
 
-_columns = itertools.count()
+class Fields(NamedTuple):
+    """Fields of a robot's record: names, number of values in each, and whether the robot knows them."""
+
+    names: str
+    size: int = 1
+    is_sensed: bool = False
+    """Whether policies may read the fields; the others are ground truth, which `Robot.row` hides."""
 
 
-def _take(*sizes: int) -> list[int]:
-    return [min(itertools.islice(_columns, size)) for size in sizes]
-
-
-X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = _take(*[1] * 11)
-"""Columns of the true state in a robot's state vector: pose in the world frame, velocities and wheel rotation in SI
-units.
-
-`COMMANDED_V`, `COMMANDED_W`: twist set by the speed controller, within the acceleration limits."""
-STATE_SIZE = GYRO_BIAS + 1
-LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = _take(*[1] * 5)
-"""Columns of sensor measurements in a robot's state vector: encoder counts, yaw rate [rad/s], compass heading [rad],
-contact.
-
-`TOUCHED`: 0 without contact, 1 for an obstacle or robot, 2 plus index for a person."""
+FIELDS = (
+    Fields("x y theta"),  # pose in the world frame
+    Fields("commanded_v commanded_w"),  # twist set by the speed controller, within the acceleration limits
+    Fields("left_angle right_angle v w mean_w gyro_bias"),  # wheel rotations, twist, mean yaw rate
+    Fields("left_ticks right_ticks yaw_rate heading", is_sensed=True),  # encoder counts, gyroscope, compass
+    Fields("touched", is_sensed=True),  # 0 without contact, 1 for an obstacle or robot, 2 plus index for a person
+    Fields("steps time", is_sensed=True),  # control periods and time since the reset
+    Fields("odometry odometry_pose", 3, is_sensed=True),  # motion in the last control period, pose since the reset
+    Fields("draw", is_sensed=True),  # index of the period's random numbers in `Rows.draws`
+    Fields("command", 2, is_sensed=True),  # target twist
+    Fields("last_pose", 3),  # `x`, `y`, `theta` and `touched` of the previous control period
+    Fields("last_touched"),
+    Fields("motion", 3, is_sensed=True),  # in the last control period, for the estimator: odometry or true motion
+    Fields("twist", 2, is_sensed=True),  # estimate
+    Fields("bias bias_variance", is_sensed=True),  # estimate of the gyroscope bias
+    Fields("pose key_pose", 3, is_sensed=True),  # estimates at present and at the last scan added to the map
+    Fields("map_pose", 3),  # map frame in the world frame
+    Fields("trail", 2, is_sensed=True),  # last point (x, y) of the estimated path
+    Fields("true_trail", 2),
+    Fields("path_length"),
+    Fields("collisions action_v action_w", is_sensed=True),  # number of collisions, last action
+    Fields("pending"),  # bit mask of pending work such as adding a scan to the map
+    Fields("person_gap least_gap least_time intrusion"),  # gaps to people, times to collision and in personal space
+    Fields("touched_by"),  # cause of the present contact, see `envs.transition`
+    Fields("hits", 3),  # numbers of contacts by cause
+    Fields("last_v acceleration jerk"),  # of `commanded_v`; magnitude of the jerk
+    Fields("slip", is_sensed=True),  # odometry distance in contact since the last processed scan
+    Fields("motion_settings", len(MotionSettings._fields), is_sensed=True),
+    Fields("odometry_settings", len(OdometrySettings._fields), is_sensed=True),
+    Fields("radius"),  # from here on `RobotRecord`
+    Fields("robot", NUM_PARAMETERS),
+    Fields("period", is_sensed=True),
+    Fields("substeps"),
+)
+"""Fields of a robot's record, in SI units; poses are x, y, theta, twists v, w."""
+ROW = record_type(
+    [(name, np.float64, () if each.size == 1 else each.size) for each in FIELDS for name in each.names.split()]
+)
+"""Dtype of a robot's record."""
+SENSED = np.concatenate(
+    [np.full(each.size * len(each.names.split()), 1.0 if each.is_sensed else np.nan) for each in FIELDS]
+)
+"""Factors that hide ground truth in a robot's record, float64: NaN for fields unknown to the robot, else 1."""
+NUM_RESET = ROW.fields["motion_settings"][1] // 8  # type: ignore[index]
+"""Number of values at the beginning of a record that a reset sets to zero."""
 TOUCHED_PERSON = 2
-STEPS, TIME = _take(1, 1)
-"""Columns of time in a robot's state vector: control periods and time [s] since the reset."""
-ODOMETRY, ODOMETRY_POSE = _take(3, 3)
-"""First of three columns (x, y, theta) in a robot's state vector: odometry motion in the last control period, and
-odometry pose since the reset."""
-DRAW, COMMAND_V, COMMAND_W = _take(1, 1, 1)
-"""Columns of the control command in a robot's state vector.
-
-`DRAW`: index of the period's random numbers in `Rows.draws`. `COMMAND_V`, `COMMAND_W`: target twist [m/s, rad/s]."""
-LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED = _take(*[1] * 4)
-"""Columns of a robot's state vector: true pose and contact of the previous control period."""
-MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = _take(3, *[1] * 4)
-"""Columns of motion estimates in a robot's state vector.
-
-`MOTION`: first of three columns (x, y, theta) with the motion in the last control period for the pose estimator,
-odometry or true motion. `BIAS`: estimate of the gyroscope bias [rad/s]."""
-POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = _take(3, 3, 3, 2, 2)
-"""First columns of poses (x, y, theta) and path points (x, y) in a robot's state vector.
-
-`POSE`, `KEY_POSE`: estimated pose at present and at the last scan added to the map. `MAP_POSE`: map frame in the world
-frame. `TRAIL`, `TRUE_TRAIL`: last point of the estimated and of the true path."""
-PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = _take(*[1] * 5)
-"""Columns of a robot's state vector: driven distance [m], number of collisions, last action (v, w), and bit mask of
-pending work such as adding a scan to the map."""
-PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = _take(*[1] * 8)
-"""Columns of statistics on nearby people and contacts in a robot's state vector: gaps [m], times [s], numbers of
-contacts.
-
-`INTRUSION`: time in the personal space of people. `TOUCHED_BY`: cause of the present contact, see `envs.transition`."""
-LAST_V, ACCELERATION, JERK = _take(1, 1, 1)
-"""Columns of the commanded motion (`COMMANDED_V`) in a robot's state vector: last speed [m/s], acceleration [m/s2],
-magnitude of the jerk [m/s3]."""
-(SLIP,) = _take(1)
-"""Column of a robot's state vector: odometry distance in contact since the last processed scan [m]."""
-MOTION_SETTINGS, ODOMETRY_SETTINGS = _take(len(MotionSettings._fields), len(OdometrySettings._fields))
-ROBOT, ROW_SIZE = _take(RECORD_SIZE, 1)
-"""First columns of estimator settings, odometry settings and robot parameters (`RobotRecord`) in a robot's state
-vector, and its size."""
-PERIOD = ROBOT + RobotRecord._fields.index("period")
-SENSED = np.ones(ROW_SIZE)
-"""Factors that hide ground truth in a robot's state vector, shape (ROW_SIZE,), float64: NaN for columns unknown to the
-robot, else 1."""
-SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
-SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, SLIP), *range(ROBOT, PERIOD), PERIOD + 1]] = np.nan
 
 
 @lru_cache(maxsize=64)
@@ -173,6 +165,6 @@ def robot_record(robot: RobotParams, control_period: float) -> Any:
 
 
 @njit(cache=True)
-def unpack_robot(numbers):
-    """Convert an array of robot parameters, shape (RECORD_SIZE,), float64, to a `RobotRecord` with named fields."""
-    return RobotRecord(*as_tuple(numbers, RECORD_SIZE))
+def unpack_robot(row):
+    """Return the robot parameters in a robot's record as a `RobotRecord`."""
+    return RobotRecord(*(row.radius, *as_tuple(row.robot, NUM_PARAMETERS), row.period, row.substeps))

@@ -1,4 +1,4 @@
-"""State vectors, measurements and random numbers of robots, stored in arrays."""
+"""Records, scans and random numbers of robots, stored in arrays."""
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
@@ -14,6 +14,7 @@ from .sensors import OTHER_NORMALS
 
 BLOCK = 16
 """Number of control periods whose noise is sampled at once."""
+_MEASURED = "left_ticks", "right_ticks", "yaw_rate", "heading", "touched", "time", "odometry", "odometry_pose"
 
 
 class Twist(NamedTuple):
@@ -72,12 +73,12 @@ class RobotState(NamedTuple):
 
 
 class Rows:
-    """State vectors, lidar scans and random numbers of identical robots, one array row per robot."""
+    """Records, lidar scans and random numbers of identical robots, one array row per robot."""
 
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
         num_beams, self._num_uniforms = robot.lidar.num_beams, 0
-        self.numbers = np.zeros((num_robots, at.ROW_SIZE))
-        """State vectors of the robots, shape (num_robots, ROW_SIZE), float64; columns: see module `records`."""
+        self.numbers = np.zeros(num_robots, at.ROW)
+        """Records of the robots, shape (num_robots,), dtype `ROW`; see module `records`."""
         self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
         """Lidar ranges, shape (num_robots, num_beams), float32 [m]."""
         self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
@@ -87,9 +88,12 @@ class Rows:
         beam; with lidar dropout, also a uniform number in [0, 1) per beam."""
         self.memory: dict[Hashable, np.ndarray] = {}
         """Data that tasks and observations store from step to step: arrays by name, shape (num_robots, n) each."""
-        self.numbers[:, at.ODOMETRY_SETTINGS : at.ROBOT] = at.OdometrySettings.of(robot)
+        self.numbers["odometry_settings"] = at.OdometrySettings.of(robot)
         self.set_robot(robot, control_period)
         self.reset()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, numbers=state["numbers"].view(at.ROW))  # kernels compare other dtypes by field
 
     def remember(self, name: Hashable, size: int, dtype: Any = np.float64) -> np.ndarray:
         """Return the data that a task or observation stores as `name`, shape (num_robots, size); zeros at first."""
@@ -98,23 +102,24 @@ class Rows:
         return self.memory[name]
 
     def set_robot(self, robot: RobotParams, control_period: float) -> None:
-        self.numbers[:, at.ROBOT :] = at.robot_record(robot, control_period)
+        numbers, (radius, *others, period, substeps) = self.numbers, at.robot_record(robot, control_period)
+        numbers["radius"], numbers["robot"], numbers["period"], numbers["substeps"] = radius, others, period, substeps
         if robot.lidar.dropout > 0.0 and not self._num_uniforms:
             self._num_uniforms = robot.lidar.num_beams
             self.draws = np.zeros((len(self.draws), BLOCK, OTHER_NORMALS + 2 * self._num_uniforms))
 
     def reset(self) -> None:
-        self.numbers[:, : at.MOTION_SETTINGS] = 0.0
-        self.numbers[:, at.DRAW] = BLOCK - 1
+        self.numbers.view(np.float64).reshape(len(self.numbers), -1)[:, : at.NUM_RESET] = 0.0
+        self.numbers["draw"] = BLOCK - 1
 
     def draw(self, rngs: Sequence[np.random.Generator]) -> None:
         """Sample the noise of one control period, with one random generator per robot."""
         self.draw_ahead(rngs, 1)
-        self.numbers[:, at.DRAW] += 1.0
+        self.numbers["draw"] += 1.0
 
     def draw_ahead(self, rngs: Sequence[np.random.Generator], count: int = BLOCK) -> None:
         """Sample the noise of the next `count` control periods if no sampled noise is left."""
-        if self.numbers[0, at.DRAW] == BLOCK - 1:
+        if self.numbers["draw"][0] == BLOCK - 1:
             for rng, block in zip(rngs, self.draws, strict=True):
                 if not self._num_uniforms:
                     rng.standard_normal(out=block[BLOCK - count :])
@@ -122,27 +127,26 @@ class Rows:
                 for row in block[BLOCK - count :]:
                     rng.standard_normal(out=row[: -self._num_uniforms])
                     rng.random(out=row[-self._num_uniforms :])
-            self.numbers[:, at.DRAW] = BLOCK - 1 - count
+            self.numbers["draw"] = BLOCK - 1 - count
 
     @property
     def steps(self) -> int:
-        return int(self.numbers[0, at.STEPS])
+        return int(self.numbers["steps"][0])
 
     def tick(self) -> None:
         self.go_to(self.steps + 1)
-        self.numbers[:, at.DRAW] += 1.0
+        self.numbers["draw"] += 1.0
 
     def go_to(self, steps: int) -> None:
-        self.numbers[:, at.STEPS], self.numbers[:, at.TIME] = steps, steps * self.numbers[0, at.PERIOD]
+        self.numbers["steps"], self.numbers["time"] = steps, steps * self.numbers["period"][0]
 
     def state(self, k: int) -> RobotState:
-        x, y, theta, *_, v, w = self.numbers[k, : at.W + 1].tolist()
+        x, y, theta, v, w = (float(self.numbers[name][k]) for name in ("x", "y", "theta", "v", "w"))
         return RobotState(Pose2D(x, y, theta), Twist(v, w))
 
     def reading(self, k: int) -> Reading:
-        measured = self.numbers[k, at.LEFT_TICKS : at.DRAW].tolist()
-        left, right, yaw_rate, heading, touched, _, time = measured[:7]
-        motion, odometry = Pose2D(*measured[7:10]), Pose2D(*measured[10:])
+        left, right, yaw_rate, heading, touched, time, *poses = (self.numbers[name][k].tolist() for name in _MEASURED)
+        motion, odometry = (Pose2D(*pose) for pose in poses)
         ticks = int(left), int(right)
         return Reading(time, self.ranges[k].copy(), ticks, yaw_rate, heading, touched > 0.0, motion, odometry)
 

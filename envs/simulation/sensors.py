@@ -9,8 +9,8 @@ from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.geometry.rows import write_row
 
-from . import records as at
 from .odometry import update_odometry
+from .records import unpack_robot
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
 """Indices of the random numbers for wheel slip, gyroscope and compass in a control period; those for lidar beams
@@ -82,13 +82,13 @@ def with_room(circles, num_more):
 
 
 @njit(cache=True, error_model="numpy")
-def with_peers(circles, states, index, radius):
+def with_peers(circles, rows, index, radius):
     """Return obstacle circles (x, y, radius) [m], followed by the footprints of all robots except robot `index`."""
-    count, num_robots = circles.shape[0], states.shape[0]
+    count, num_robots = circles.shape[0], rows.shape[0]
     extended = with_room(circles, num_robots - 1)
     for k in range(num_robots):
         if k != index:
-            write_row(extended[count + k - (k > index)], (states[k, at.X], states[k, at.Y], radius))
+            write_row(extended[count + k - (k > index)], (rows[k].x, rows[k].y, radius))
     return extended
 
 
@@ -114,20 +114,20 @@ def sense(rows, draws, ranges, segments, circles, magnets):
     """Simulate all sensors of all robots except contact, and update the odometry.
 
     Args:
-        rows: state vectors, shape (num_robots, ROW_SIZE), float64, updated.
+        rows: records, shape (num_robots,), dtype `ROW`, updated.
         draws: random numbers for noise, n per control period, shape (num_robots, BLOCK, n), float64.
         ranges: output, shape (num_robots, num_beams), float32 [m].
         segments: walls (x0, y0, x1, y1), shape (n, 4), float64 [m].
         circles: obstacles and people (x, y, radius), shape (m, 3), float64 [m].
         magnets: magnetic sources that disturb compasses, shape (k, 4), float64, see `World.magnets`.
     """
-    robot = at.unpack_robot(rows[0, at.ROBOT :])
+    robot = unpack_robot(rows[0])
     for k in range(rows.shape[0]):
         row = rows[k]
-        noise = draws[k, int(row[at.DRAW])]
-        visible = with_peers(circles, rows, k, robot.radius)
-        measure_ranges(row, noise[OTHER_NORMALS:], robot, segments, visible, ranges[k])
-        row[at.YAW_RATE] = row[at.MEAN_W] + row[at.GYRO_BIAS] + robot.gyro_std * noise[GYRO]
-        left, right = row[at.LEFT_ANGLE] * robot.ticks_per_radian, row[at.RIGHT_ANGLE] * robot.ticks_per_radian
+        noise = draws[k, int(row.draw)]
+        visible, pose = with_peers(circles, rows, k, robot.radius), (row.x, row.y, row.theta)
+        measure_ranges(pose, noise[OTHER_NORMALS:], robot, segments, visible, ranges[k])
+        row.yaw_rate = row.mean_w + row.gyro_bias + robot.gyro_std * noise[GYRO]
+        left, right = row.left_angle * robot.ticks_per_radian, row.right_angle * robot.ticks_per_radian
         update_odometry(row, math.floor(left), math.floor(right))
-        row[at.HEADING] = measure_heading(row, noise[COMPASS], robot, magnets) if robot.has_compass else np.nan
+        row.heading = measure_heading(pose, noise[COMPASS], robot, magnets) if robot.has_compass else np.nan

@@ -12,7 +12,6 @@ from lidarnaut.envs.arguments import check_positive, is_number
 from lidarnaut.envs.geometry import ORIGIN, Pose2D, wrap_angle
 from lidarnaut.envs.worlds import ExplorableArea, World
 
-from . import records as at
 from .crowd.step import step_people
 from .kinematic import KinematicSimulator
 from .rows import Reading
@@ -109,7 +108,7 @@ class Slide(KinematicSimulator):
     def move(self) -> None:
         rows, row, rng, crowd = self.rows, self.rows.numbers[0], self.rngs[0], self.crowd
         if self._pose is None:
-            self._pose, self._map_pose = (Pose2D(*row[k : k + 3].tolist()) for k in (at.POSE, at.MAP_POSE))
+            self._pose, self._map_pose = (Pose2D(*row[name].tolist()) for name in ("pose", "map_pose"))
         pose, before = self._aim, self._pose
         kept = math.exp(-math.hypot(pose.x - before.x, pose.y - before.y) / DRIFT_LENGTH)
         renewed, (position_std, heading_std) = math.sqrt(1.0 - kept * kept), self.params.drift
@@ -120,7 +119,8 @@ class Slide(KinematicSimulator):
         if self.is_blocked:
             true_pose = rows.state(0).pose
             pose = self._map_pose.between(true_pose.compose(error.inverse()))
-        row[at.X : at.THETA + 1], row[at.POSE : at.POSE + 3], self._pose = true_pose, pose, pose
+        row["x"], row["y"], row["theta"], row["pose"] = *true_pose, pose
+        self._pose = pose
         rows.go_to(rows.steps + self._count)
         for _ in range(self._count if len(crowd.rows) else 0):
             step_people(*crowd.arrays, rows.numbers)
@@ -130,9 +130,10 @@ class Slide(KinematicSimulator):
         if num_false := rng.binomial(len(ranges), self.params.false_returns):
             beams = rng.integers(len(ranges), size=num_false)
             ranges[beams] = np.fmin(ranges[beams], self.robot.lidar.range_max) * rng.random(len(beams))
-        row[at.ODOMETRY : at.ODOMETRY + 3] = row[at.MOTION_SETTINGS] = 0.0  # the pose estimate is that above
-        row[at.KEY_POSE : at.KEY_POSE + 3] = np.inf  # every scan is processed
-        row[at.LEAST_GAP : at.HIT_BY_PERSON + 1] = np.nan  # gaps are not measured between scans
+        row["odometry"] = row["motion_settings"][0] = 0.0  # the pose estimate is that above
+        row["key_pose"] = np.inf  # every scan is processed
+        for name in ("least_gap", "least_time", "intrusion", "touched_by", "hits"):
+            row[name] = np.nan  # not measured between scans
 
     def _is_free(self, pose: Pose2D) -> bool:
         (left, bottom), side = self.area.walls.origin, self.area.walls.resolution

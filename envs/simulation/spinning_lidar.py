@@ -11,7 +11,7 @@ from lidarnaut.envs.geometry.raycast import Beams, cast_rays
 from lidarnaut.envs.geometry.scan_resampling import resample_scan
 from lidarnaut.envs.robots import LidarParams
 
-from . import records as at
+from .records import unpack_robot
 from .sensors import OTHER_NORMALS, disturb_ranges, tilt_ranges, with_peers
 
 GROUP = 8
@@ -62,13 +62,13 @@ class SpinningLidar:
         `rows`: `Rows` of the robots. `segments`, `circles`: as in `sense`.
         """
         numbers, lidar = rows.numbers, self._lidar
-        robot = at.unpack_robot(numbers[0, at.ROBOT :])
-        path = np.hstack([numbers[:, at.X : at.THETA + 1], numbers[:, at.ODOMETRY_POSE : at.ODOMETRY_POSE + 3]])
+        robot = unpack_robot(numbers[0])
+        path = np.column_stack([numbers["x"], numbers["y"], numbers["theta"], numbers["odometry_pose"]])
         seen = [with_peers(circles, numbers, k, robot.radius) for k in range(len(numbers))]
-        if numbers[0, at.STEPS] == 0.0:  # at rest before the reset
+        if numbers["steps"][0] == 0.0:  # at rest before the reset
             self._paths.extend([path] * self._count)
             self._circles.extend([seen] * self._count)
-        turns = np.stack([robot.period * numbers[:, at.MEAN_W], numbers[:, at.ODOMETRY + 2]], axis=1)
+        turns = np.stack([robot.period * numbers["mean_w"], numbers["odometry"][:, 2]], axis=1)
         last = self._paths[-1][:, [2, 5]] + turns
         path[:, [2, 5]] += 2.0 * math.pi * np.rint((last - path[:, [2, 5]]) / (2.0 * math.pi))
         self._paths.append(path)
@@ -77,7 +77,7 @@ class SpinningLidar:
         angles = lidar.angles + lidar.mount.yaw
         for k, (row, ranges) in enumerate(zip(numbers, rows.ranges)):
             poses = np.stack([np.interp(self._instants, times, column) for column in paths[:, k].T], axis=1)
-            noise, visible = rows.draws[k, int(row[at.DRAW]), OTHER_NORMALS:], [one[k] for one in self._circles]
+            noise, visible = rows.draws[k, int(row["draw"]), OTHER_NORMALS:], [one[k] for one in self._circles]
             sweep_ranges(poses[:, :3].copy(), self._instants, noise, robot, segments, np.stack(visible), ranges)
             if deskews:
                 odometry, beams = np.vstack([path[k], poses])[:, 3:], (angles[0], lidar.angle_increment, len(angles))

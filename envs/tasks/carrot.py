@@ -14,7 +14,6 @@ from lidarnaut.envs.observations.plan import look_ahead
 from lidarnaut.envs.observations.positions import GOAL_MEMORY, TaskPart
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robot_rows import RobotRows
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import ObservationPart, RowPart
 
 from . import reach_kernels as own_at
@@ -75,8 +74,8 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
     """
     for k in range(rows.shape[0]):
         if active[k]:
-            x, y = find_carrot(owns[k], rows[k, at.X], rows[k, at.Y], lengths[k], ahead)
-            angle = math.atan2(y - rows[k, at.Y], x - rows[k, at.X]) - rows[k, at.THETA]
+            x, y = find_carrot(owns[k], rows[k].x, rows[k].y, lengths[k], ahead)
+            angle = math.atan2(y - rows[k].y, x - rows[k].x) - rows[k].theta
             out[k, 0], out[k, 1], out[k, 2] = math.cos(angle), math.sin(angle), min(owns[k, own_at.LEFT] / ahead, 1.0)
 
 

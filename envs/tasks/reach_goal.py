@@ -15,7 +15,6 @@ from lidarnaut.envs.observations.positions import GOAL_MEMORY
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import ObservationPart
 from lidarnaut.envs.transition import BY_PERSON
 
@@ -206,7 +205,7 @@ class ReachGoal(ReachGoalBrief, GoalTask, UnknownWorldTask):
         return super()._usual_time(length) if self._world.optimal_length is None else BENCHMARK_LIMIT
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        update_goal(simulator.rows.numbers[0], self._own, self.arrays[0], self._world.segments, self._world.circles)
+        update_goal(simulator.rows.numbers, self._own, self.arrays[0], self._world.segments, self._world.circles)
 
     def update_rows(self, batch: Any) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
         owns = batch.memory[GOAL_MEMORY]
@@ -227,9 +226,9 @@ class ReachGoal(ReachGoalBrief, GoalTask, UnknownWorldTask):
         own, row = self._own, self._rows.numbers[0]
         length = self._world.optimal_length
         ideal = own[own_at.LENGTH] / self.robot.max_v if length is None else length / BARN_SPEED
-        time = row[at.TIME] - own[own_at.MOVED_AT]
+        time = row["time"] - own[own_at.MOVED_AT]
         return {
-            "at_fault": bool(own[own_at.END] > own_at.AT_GOAL and row[at.TOUCHED_BY] != BY_PERSON),
-            "jerk": float(own[own_at.JERK] / max(row[at.STEPS], 1.0)),
+            "at_fault": bool(own[own_at.END] > own_at.AT_GOAL and row["touched_by"] != BY_PERSON),
+            "jerk": float(own[own_at.JERK] / max(row["steps"], 1.0)),
             "barn_metric": float(barn_metric(own[own_at.SUCCESS] > 0.0, time, ideal)),
         }

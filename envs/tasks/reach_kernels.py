@@ -7,7 +7,6 @@ import numpy as np
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.geometry.pose import distance, wrap_angle
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.contact import select_near
 from lidarnaut.envs.transition import BY_ROBOT
 
@@ -40,10 +39,10 @@ MOVED = 0.1
 def measure_goal(row, own, lengths):
     """Update distances to the goal, driven fraction of the path, and success in the task's state array `own`.
 
-    `row`: state vector of the robot; `lengths`: raster of geodesic distances to the goal, float32 [m], inf outside free
+    `row`: record of the robot; `lengths`: raster of geodesic distances to the goal, float32 [m], inf outside free
     space. While the robot is outside free space, its geodesic distance keeps the last value.
     """
-    x, y = row[at.X], row[at.Y]
+    x, y = row.x, row.y
     own[DISTANCE] = distance(own[TRUE_X] - x, own[TRUE_Y] - y)
     side, left, low = own[FIELD_SIDE], own[FIELD_X], own[FIELD_Y]
     middle_row, middle_col = math.floor((y - low) / side), math.floor((x - left) / side)
@@ -54,33 +53,35 @@ def measure_goal(row, own, lengths):
             best = min(best, float(lengths[i, j]) + straight)
     if best < np.inf:
         own[LEFT] = best
-    turn = abs(wrap_angle(row[at.THETA] - own[TRUE_THETA]))
+    turn = abs(wrap_angle(row.theta - own[TRUE_THETA]))
     own[SUCCESS] = own[DISTANCE] <= own[TOLERANCE] and turn <= own[TURN]
     own[SHARE] = 1.0 if own[SUCCESS] > 0.0 else max(0.0, 1.0 - own[LEFT] / max(own[LENGTH], 1e-9))
 
 
 @njit(cache=True, error_model="numpy")
-def update_goal(row, own, lengths, segments, circles):
+def update_goal(rows, own, lengths, segments, circles):
     """Update reward terms, metrics and end reason in the task's state array `own` after a control period.
 
-    `segments`, shape (n, 4), and `circles`, shape (m, 3), are static obstacles, float64 [m].
+    `rows`: record of one robot, shape (1,). `segments`, shape (n, 4), `circles`, shape (m, 3): static obstacles,
+    float64 [m].
     """
-    x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
-    before, touched = own[LEFT], row[at.TOUCHED] > 0.0
+    row = rows[0]
+    x, y, radius, period = row.x, row.y, row.radius, row.period
+    before, touched = own[LEFT], row.touched > 0.0
     measure_goal(row, own, lengths)
     own[PROGRESS], own[TIME], own[COLLISION] = before - own[LEFT], period, period * touched
     own[END] = AT_GOAL * own[SUCCESS]
     if touched and own[ENDS] > 0.0:
-        own[END] = AT_PERSON if row[at.TOUCHED_BY] >= BY_ROBOT else AT_WALL
+        own[END] = AT_PERSON if row.touched_by >= BY_ROBOT else AT_WALL
         own[SUCCESS], own[COLLISION] = 0.0, 1.0
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
     num_near = select_near(x, y, radius + NEAR_OBSTACLE, segments, near)
     free = clearance(x, y, segments[near[:num_near]], circles) - radius
     own[CLEARANCE] = period * min(max((NEAR_OBSTACLE - free) / NEAR_OBSTACLE, 0.0), 1.0)
-    own[PEOPLE] = period * min(max((NEAR_PERSON - row[at.PERSON_GAP]) / NEAR_PERSON, 0.0), 1.0)
-    if own[MOVED_AT] == 0.0 and row[at.PATH_LENGTH] >= MOVED:
-        own[MOVED_AT] = row[at.TIME]
-    own[JERK] += row[at.JERK]
+    own[PEOPLE] = period * min(max((NEAR_PERSON - row.person_gap) / NEAR_PERSON, 0.0), 1.0)
+    if own[MOVED_AT] == 0.0 and row.path_length >= MOVED:
+        own[MOVED_AT] = row.time
+    own[JERK] += row.jerk
 
 
 @njit(cache=True, error_model="numpy")
@@ -91,4 +92,4 @@ def update_goals(rows, owns, lengths, surroundings, active):
     """
     for i in range(active.shape[0]):
         if active[i]:
-            update_goal(rows[i], owns[i], lengths[i], surroundings[i][0], surroundings[i][1])
+            update_goal(rows[i : i + 1], owns[i], lengths[i], surroundings[i][0], surroundings[i][1])

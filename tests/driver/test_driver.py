@@ -18,9 +18,7 @@ from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.logs.trajectory import compose_poses, odometry_scales
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams
-from lidarnaut.envs.period import COMMAND
 from lidarnaut.envs.robots import load_robot
-from lidarnaut.envs.simulation import records
 from lidarnaut.envs.worlds import load_world
 
 BURGER = "turtlebot3_burger"
@@ -84,7 +82,7 @@ def compare(make, arguments, motion):
         driver.scan(reading.ranges, reading.time)
         action = decide(observation)
         env.period.command(env.commands(action))
-        commands.append((env.rows.numbers[0, COMMAND].copy(), driver.command(reading.time)))
+        commands.append((env.rows.numbers["command"][0].copy(), driver.command(reading.time)))
         observation, _, terminated, truncated, _ = env.step(action)
         if terminated or truncated:
             break
@@ -223,7 +221,7 @@ def test_a_jump_of_odometry_does_not_move_the_robot():
     driver = Driver(make_explorer("pursuit"), BURGER)
     messages = loop_with(driver)
     messages.run(5.0)
-    messages.robot.simulator.rows.numbers[0, records.ODOMETRY_POSE] = 40.0
+    messages.robot.simulator.rows.numbers["odometry_pose"][0, 0] = 40.0
     messages.run(3.0)
     assert messages.error < 0.06
     assert driver.dropped == {"jump of odometry": 1}

@@ -41,6 +41,13 @@ CASES = {
     "bearing": ("ReachGoal", {**REACH, "goal_given": "bearing"}),
     "track": ("Track", TASKS["Track"]),
 }
+TRUE_POSE = "x", "y", "theta"
+SENSED = {
+    *("left_ticks", "right_ticks", "yaw_rate", "heading", "touched", "steps", "time", "odometry", "odometry_pose"),
+    *("draw", "command", "motion", "twist", "bias", "bias_variance", "pose", "key_pose", "trail", "slip"),
+    *("collisions", "action_v", "action_w", "motion_settings", "odometry_settings", "period"),
+}
+"""Fields of a robot's record that robots know."""
 TURNING = np.array([0.6, 0.3], dtype=np.float32)
 
 
@@ -51,7 +58,8 @@ def make_with_all_parts(name, arguments, **choices):
 
 
 def falsified(env):
-    numbers, people, hidden = env.rows.numbers, env.simulator.crowd.rows, np.isnan(at.SENSED)
+    numbers, people, hidden = env.rows.numbers.view(np.float64), env.simulator.crowd.rows, np.isnan(at.SENSED)
+    numbers = numbers.reshape(len(env.robots), -1)
     tasks = [env.rows.memory[GOAL_MEMORY][:, 2:]] if GOAL_MEMORY in env.rows.memory else []  # all except goals
     kept, rng = [array.copy() for array in (numbers, people, *tasks)], np.random.default_rng(0)
     numbers[:, hidden] = rng.uniform(-9.0, 9.0, (len(numbers), hidden.sum()))
@@ -74,7 +82,7 @@ def pairs_of_observations(case, **choices):
         yield true.observe(), falsified(false)
         for each in (true, false):
             each.apply(np.broadcast_to(TURNING, each.action_space.shape))
-    assert all(each.rows.numbers[0, at.PATH_LENGTH] > 0.05 for each in (true, false))
+    assert all(each.rows.numbers["path_length"][0] > 0.05 for each in (true, false))
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -122,21 +130,31 @@ class PeekAtRows(Peek):
     """Part that also writes rows of many robots, and would read ground truth."""
 
     def write_rows(self, batch, out):
-        out[:] = batch.numbers[:, at.X : at.THETA + 1]
+        out[:] = np.stack([batch.numbers[name] for name in TRUE_POSE], axis=1)
 
 
 def test_rows_of_parts_of_ones_own_hold_no_ground_truth():
-    look = PeekAtRows(lambda robot: robot.row[at.X : at.THETA + 1])
+    look = PeekAtRows(lambda robot: [robot.row[name] for name in TRUE_POSE])
     assert np.isnan(LidarEnv(Explore, **SMALL, observations={"peek": look}).reset(seed=1)[0]["peek"]).all()
     many = LidarEnvs(2, task=Explore, **SMALL, num_workers=0, observations={"peek": look})
     assert np.isnan(many.reset(seed=1)[0]["peek"]).all()
     assert np.isnan(many.step(np.stack([TURNING, TURNING]))[0]["peek"]).all()
     many.close()
-    env = LidarEnv(Explore, **SMALL, observations={"pose": Peek(lambda robot: robot.row[at.POSE : at.POSE + 3])})
+    env = LidarEnv(Explore, **SMALL, observations={"pose": Peek(lambda robot: robot.row["pose"])})
     env.reset(seed=1)
     np.testing.assert_array_equal(env.step(TURNING)[0]["pose"], env.belief.pose)
-    env.rows.numbers[0, at.TOUCHED] = at.TOUCHED_PERSON + 4  # bumpers do not report the other party
-    assert env.robots[0].row[at.TOUCHED] == 1.0
+    env.rows.numbers["touched"][0] = at.TOUCHED_PERSON + 4  # bumpers do not report the other party
+    assert env.robots[0].row["touched"] == 1.0
+
+
+def test_fields_of_records_are_hidden_unless_they_are_declared_as_sensed():
+    assert not at.Fields("new").is_sensed
+    env = LidarEnv(Explore, **SMALL)
+    env.reset(seed=1)
+    env.rows.numbers.view(np.float64)[:] = 7.0
+    row = env.robots[0].row
+    assert {name for name in at.ROW.names if not np.isnan(row[name]).any()} == SENSED
+    assert all(np.isnan(row[name]).all() for name in at.ROW.names if name not in SENSED)
 
 
 def reachable(thing, seen, path="", depth=0):
@@ -146,7 +164,7 @@ def reachable(thing, seen, path="", depth=0):
     seen[id(thing)] = thing
     if isinstance(thing, float):
         yield path, thing
-    if isinstance(thing, np.ndarray):
+    if isinstance(thing, (np.ndarray, np.void)):
         yield from ((path, thing[name]) for name in thing.dtype.names or (...,))
         yield from reachable(thing.base, seen, f"{path}.base", depth + 1)
         return

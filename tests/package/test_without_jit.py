@@ -12,6 +12,7 @@ import pytest
 
 from lidarnaut.envs.navigation import CANDIDATE
 from lidarnaut.envs.navigation.controllers.navigator_kernels import NAVIGATOR
+from lidarnaut.envs.simulation.records import ROW
 from lidarnaut.envs.slam import SLAM_NAMES
 
 EXPLORE = "Explore"
@@ -66,4 +67,4 @@ def test_environments_run_as_with_compiled_kernels_and_sums_do_not_overflow(tmp_
 
 def test_fields_of_records_are_no_attributes_of_numpy():
     """Without compiler `record.name` is NumPy's own attribute of that name; `size` is read as `record["size"]`."""
-    assert [name for name in (*CANDIDATE.names, *NAVIGATOR.names) if hasattr(np.record, name)] == ["size"]
+    assert [name for name in (*CANDIDATE.names, *NAVIGATOR.names, *ROW.names) if hasattr(np.record, name)] == ["size"]

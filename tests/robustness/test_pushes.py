@@ -76,12 +76,12 @@ def circle_at(robot, time, aside):
 
 def push_kinematic(robot, world, mode, rate, aside):
     """Move the circle; return the minimum room between footprint and walls, as a share of its radius."""
-    rng, state, least = np.random.default_rng(rate), np.zeros(at.STATE_SIZE), math.inf
+    rng, state, least = np.random.default_rng(rate), np.zeros(1, at.ROW)[0], math.inf
     record = at.robot_record(robot, 1.0 / rate)
     for k, twist in zip(range(round(SECONDS * rate)), commands(robot, mode, rate, rng)):
         circles = np.array([circle_at(robot, (k + 1) / rate, aside)])
         advance(state, tuple(twist), tuple(rng.standard_normal(2)), record, world.segments, circles)
-        least = min(least, depth_inside(world, state[at.X], state[at.Y]) / robot.radius)
+        least = min(least, depth_inside(world, state["x"], state["y"]) / robot.radius)
     return least
 
 

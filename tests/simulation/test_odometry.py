@@ -6,7 +6,6 @@ import pytest
 
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.simulation import Twist
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.odometry import update_odometry
 from lidarnaut.envs.simulation.rows import Rows
 from tests.rooms import BURGER, ORIGIN, PLAIN, begin
@@ -29,7 +28,7 @@ class Odometry:
         """Return the next reading."""
         self.rows.go_to(steps and self.rows.steps + 1)
         row, per_metre = self.rows.numbers[0], 1.0 / self.robot.odometry.metres_per_tick
-        row[at.YAW_RATE] = yaw_rate
+        row["yaw_rate"] = yaw_rate
         update_odometry(row, round(left * per_metre) + self.offset[0], round(right * per_metre) + self.offset[1])
         return self.rows.reading(0)
 

@@ -6,7 +6,6 @@ import pytest
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.simulation import Twist, make_simulator
-from lidarnaut.envs.simulation.records import X
 from lidarnaut.envs.worlds import FixedRoute
 from tests.rooms import BURGER, begin, make_room
 
@@ -40,7 +39,7 @@ def test_a_robot_that_runs_into_a_wall_does_not_bump_into_the_peer_beside_it():
     ahead = 1.0 + 2.0 * BURGER.radius + 2e-4
     world = make_room(0.0, 0.0, ahead + BURGER.radius + 2e-5, 4.0)
     simulator = begin("kinematic", BURGER, world, LEFT, Pose2D(ahead, 2.0, 0.0))
-    simulator.rows.numbers[0, X] += 1.5e-4  # a gap of 0.05 mm is below the minimum at the start
+    simulator.rows.numbers["x"][0] += 1.5e-4  # a gap of 0.05 mm is below the minimum at the start
     for _ in range(3):
         readings = simulator.step([STILL, Twist(BURGER.max_v, 0.0)])
         assert [reading.bumper for reading in readings] == [False, True]

@@ -7,7 +7,6 @@ import pytest
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.robots import ImuParams, LidarParams, Mount
 from lidarnaut.envs.simulation import Twist, make_simulator
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.records import robot_record
 from lidarnaut.envs.simulation.rows import Rows
 from lidarnaut.envs.simulation.sensors import disturb_ranges, sense
@@ -21,7 +20,7 @@ def read(lidar=LIDAR, imu=None, *, pose=ORIGIN, yaw_rate=0.0, seed=0, magnets=()
     robot = replace(BURGER, lidar=lidar, imu=imu or ImuParams())
     rows = Rows(robot, 0.1, 1)
     row = rows.numbers[0]
-    row[[at.X, at.Y, at.THETA, at.MEAN_W]] = *pose, yaw_rate
+    row["x"], row["y"], row["theta"], row["mean_w"] = *pose, yaw_rate
     rows.draw([np.random.default_rng(seed)])
     magnets = np.array(magnets).reshape(-1, 4)
     sense(rows.numbers, rows.draws, rows.ranges, WORLD.segments, np.empty((0, 3)), magnets)

@@ -10,7 +10,6 @@ from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import OdometryNoise, load_robot
 from lidarnaut.envs.simulation import Reading
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.slam import PRESETS, SLAM_NAMES, MatcherTrace, load_params, make_slam
 from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from lidarnaut.envs.worlds import load_world
@@ -114,7 +113,7 @@ def test_kernels_report_the_odometry_in_contact_to_the_slam():
         for _ in range(60):
             env.step(np.array([1.0, 0.0], dtype=np.float32))
         assert env.robots[0].bumper
-        assert env.unwrapped.rows.numbers[0, at.SLIP] < 0.23
+        assert env.unwrapped.rows.numbers["slip"][0] < 0.23
         env.close()
         return found
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs import task
-from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import SHARED_QUANTITIES, Rewards
 
 CROWD = {"world": "rooms", "people": 6, "physics": "kinematic"}
@@ -66,7 +65,7 @@ def test_shared_quantities_are_true_values_at_the_end_of_the_step(physics):
         assert (seen["forward_speed"], seen["yaw_rate"]) == state.twist
         assert (seen["action_v"], seen["action_w"]) == tuple(action.tolist())
         assert [seen["position_error"], seen["yaw_error"]] == info["pose_error"].tolist()
-        speeds.append(inner.rows.numbers[0, at.COMMANDED_V])
+        speeds.append(inner.rows.numbers["commanded_v"][0])
         accelerations = np.diff(speeds) / period
         assert seen["acceleration"] == pytest.approx(accelerations[-1], abs=1e-9)
         assert seen["jerk"] == pytest.approx(abs(accelerations[-1] - accelerations[-2]) / period, abs=1e-6)
@@ -106,7 +105,7 @@ def test_terms_of_a_decision_are_sums_over_its_control_periods(id):
     inner, sums = env.unwrapped.explore, np.zeros(2)
 
     def watch(twists):
-        v, w = inner.rows.numbers[:, at.V].sum(), np.abs(inner.rows.numbers[:, at.W]).sum()
+        v, w = inner.rows.numbers["v"].sum(), np.abs(inner.rows.numbers["w"]).sum()
         sums[:] += inner.control_period * np.array([-w, 2.0 * v])
 
     inner.on_period = watch

@@ -7,7 +7,7 @@ import numpy as np
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.rows import write_row
-from lidarnaut.envs.simulation import records as robots_at
+from lidarnaut.envs.simulation.records import TOUCHED_PERSON
 from lidarnaut.envs.simulation.sensors import with_room
 
 from . import person_row as at
@@ -29,15 +29,15 @@ MAX_CORNERS = 100_000
 def step_people(people, points, fields, setup, robots):
     """Move people by one control period, before the robots move.
 
-    `people`, `robots`: state vectors, updated; `TOUCHED` is set for robots that people walk into. `points`, `fields`:
-    destinations, and cost-to-go to each. `setup`: parameters, see `People.setup`.
+    `people`: state vectors, updated. `robots`: records; `touched` is set for robots that people walk into. `points`,
+    `fields`: destinations, and cost-to-go to each. `setup`: parameters, see `People.setup`.
     """
-    period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
+    period, radius, count = robots[0].period, robots[0].radius, people.shape[0]
     discs = np.empty((robots.shape[0], 5))
     for k in range(robots.shape[0]):
-        robot, v = robots[k], robots[k, robots_at.V]
-        discs[k, at.X], discs[k, at.Y], discs[k, at.RADIUS] = robot[robots_at.X], robot[robots_at.Y], radius
-        discs[k, at.VX], discs[k, at.VY] = v * math.cos(robot[robots_at.THETA]), v * math.sin(robot[robots_at.THETA])
+        robot, v = robots[k], robots[k].v
+        discs[k, at.X], discs[k, at.Y], discs[k, at.RADIUS] = robot.x, robot.y, radius
+        discs[k, at.VX], discs[k, at.VY] = v * math.cos(robot.theta), v * math.sin(robot.theta)
     grid = setup[at.ORIGIN_X], setup[at.ORIGIN_Y], setup[at.ROWS], setup[at.COLS]
     walls = Walls(setup[at.WALLS :], grid)
     before, starts, directions = np.empty((count, 2)), np.empty((count, 2)), np.empty((count, 2))
@@ -61,7 +61,7 @@ def step_people(people, points, fields, setup, robots):
             people[i, at.VX] = (people[i, at.X] - starts[i, 0]) / dt
             people[i, at.VY] = (people[i, at.Y] - starts[i, 1]) / dt
             if stopped_by[i] >= 0:
-                robots[stopped_by[i], robots_at.TOUCHED] = robots_at.TOUCHED_PERSON + i
+                robots[stopped_by[i]].touched = TOUCHED_PERSON + i
     for i in range(count):
         dx, dy = people[i, at.X] - before[i, 0], people[i, at.Y] - before[i, 1]
         walked = math.hypot(dx, dy)
