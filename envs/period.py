@@ -1,7 +1,7 @@
 """The control period: from commands to rewards and ends, for one environment or many.
 
-All who simulate do so by `Period.run`: single environments, vector environments, frontier environments, and the driver
-of a real robot. They differ in the mover of the robots (`envs.simulation.mover`). The stages:
+Single environments, vector environments, frontier environments, and the driver of a real robot run these stages. They
+differ in the mover of the robots (`envs.simulation.mover`). The stages:
 
 1. `command`: store the commands, slowed down by the collision monitor.
 2. `move`: people, robots, contacts, measurements, odometry; then statistics, predicted poses, and which scans are due.

@@ -117,6 +117,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     | `max_candidates` | `48` | maximum number of offered frontiers |
     | `max_decision_time` | `4.0` | maximum drive time, without recoveries and turns in place [s] |
     | `control_hz` | `5.0` | control steps per second |
+    | `physics` | `"bullet"` | also `"slide"`: the robot slides along its path, see `ExploreFrontiersAbstract-v0` |
 
     ## Version History
     * v0: first version

@@ -228,6 +228,15 @@ def test_the_abstract_robot_is_no_faster_than_the_real_one_and_its_pose_drifts_a
     assert all(area.traversable[r - 1 : r + 2, c - 1 : c + 2].any() for r, c in cells)
 
 
+def test_slides_are_a_physics_of_which_the_abstract_environment_is_a_preset():
+    preset = explore(ExploreFrontiersAbstractEnv(**LARGER), 2, 8)
+    slides = explore(ExploreFrontiersEnv(**LARGER | {"physics": "slide"}), 2, 8)
+    assert all(same(ours, theirs) for ours, theirs in zip(slides, preset, strict=True))
+    for argument, value in {"slam": "hector", "people": 2, "return_home": True}.items():
+        with pytest.raises(ValueError, match=argument):
+            ExploreFrontiersEnv(**LARGER | {"physics": "slide", argument: value})
+
+
 def test_an_abstract_lidar_that_looks_ahead_looks_around():
     env = ExploreFrontiersAbstractEnv(**LARGER | {"robot": "raspimouse", "target_coverage": 0.8})
     info, _ = explore_by_rule(env, 1)
