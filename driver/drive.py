@@ -4,8 +4,10 @@ import contextlib
 import functools
 import logging
 import math
+import sys
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,6 @@ from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.baselines import EXPLORERS, OFFERED
 from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.geometry import wrap_angle
-from lidarnaut.envs.logs import messages
 from lidarnaut.envs.logs.scans import Limits, Scan, in_base_frame, resampled, usable_scans, with_checked_times
 from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, seconds
 from lidarnaut.envs.navigation import crop_to_known
@@ -24,14 +25,18 @@ from lidarnaut.envs.robots import LidarParams, Mount, RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.worlds import save_map
 from lidarnaut.envs.worlds.map_files import map_paths
-from lidarnaut.envs.wrappers.record_bag import BagRecorder
 
+from .commands import BridgeCommands, CommandProcess, CommandTopic, local_time
 from .driver import STOP, Driver
-from .rosbridge import Clock, Rosbridge, run_program
+from .program import Clock, ignore_signals, run_program, time_limited
+from .progress import Progress
+from .recorder import SafeRecorder
+from .rosbridge import Rosbridge
+from .viewer import Viewer
 
 LOGGER = logging.getLogger(__name__)
-MAP_PERIOD = 2.0
-"""Time between published maps [s]."""
+MAX_STEP = 60.0
+"""A decision that takes longer ends the drive, except for the first one, which compiles [s]."""
 DEAD_MAN_TIME = 0.5
 """A message of the dead man's switch permits driving for this time [s]."""
 
@@ -63,6 +68,8 @@ class Options:
     """Maximum yaw rate, if below that of the robot [rad/s]."""
     timeout: float = 1.0
     """The robot stops if the last scan or the connection is older [s]."""
+    time_limit: float | None = None
+    """Drive for at most this time of the robot's clock; exit status 3 if the task is not done by then [s]."""
     dry_run: bool = False
     """Print commands instead of sending them."""
     dead_man: str | None = None
@@ -80,7 +87,7 @@ class Options:
     use_sim_time: bool = False
     """Take the time from `/clock`."""
     stamped: bool = False
-    """Send commands as TwistStamped instead of Twist."""
+    """Send commands as TwistStamped instead of Twist; also done if the server names this type."""
     odometry_scales: tuple[float, float] = (1.0, 1.0)
     """Factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a recorded drive."""
     seed: int = 0
@@ -105,8 +112,11 @@ class Options:
 class Session:
     """A driver connected to the topics of a robot."""
 
-    def __init__(self, options: Options, bridge: Rosbridge) -> None:
+    def __init__(self, options: Options, bridge: Any, commands: Any = None, viewer: Any = None) -> None:
         """Subscribe to the robot's topics. `step` then drives.
+
+        `bridge`: connection of the sensors. `commands`: a `CommandProcess`; None to send commands by `bridge`, or
+        nothing with `dry_run`. `viewer`: connection for RViz; None for `bridge`.
 
         Raises:
             ValueError: an option has a value that is not allowed.
@@ -116,7 +126,7 @@ class Session:
             raise ValueError(f"no_return must be 'inf', 'nan' or 'zero', got {options.no_return!r}")
         if options.goal is not None and len(options.goal) not in (2, 3):
             raise ValueError(f"goal must be x, y, and optionally a heading, got {options.goal}")
-        for name in ("control_hz", "max_v", "max_w"):
+        for name in ("control_hz", "max_v", "max_w", "time_limit"):
             if (value := getattr(options, name)) is not None:
                 check_positive(**{name: value})
         if options.save_map is not None and not map_paths(options.save_map)[1].parent.is_dir():
@@ -127,7 +137,7 @@ class Session:
         max_v, max_w = options.max_v or robot.max_v, options.max_w or robot.max_w
         lidar = replace(robot.lidar, no_return="zero") if options.no_return == "zero" else robot.lidar
         self._robot = replace(robot, lidar=lidar, max_v=min(max_v, robot.max_v), max_w=min(max_w, robot.max_w))
-        self._recorder: BagRecorder | None = None
+        self._recorder: SafeRecorder | None = None
         self.driver: Driver | None = None
         first = self._make_driver(self._robot)  # also checks the options
         if not options.lidar_from_messages:
@@ -136,11 +146,15 @@ class Session:
         self._mount: np.ndarray | None = None
         self._scan_stamp, self._ignores_times = -math.inf, False
         self._permitted = -math.inf
-        self._map_time = -math.inf
-        self._sim_time, self._said = math.nan, "not asked yet"
+        self._sim_time, self._progress = math.nan, Progress(options.goal)
+        self._stepped = self._awake = -math.inf
         self.reason = "no scan yet"
         """Why the last command was a stop; empty while driving."""
-        self._connect()
+        self._viewer = Viewer(viewer or bridge, options.map_frame, options.odom_frame)
+        self._commands = commands
+        if commands is None and not options.dry_run:
+            self._commands = BridgeCommands(bridge, command_topic(options))
+        self._subscribe()
 
     def _make_driver(self, robot: RobotParams) -> Driver:
         o = self.options
@@ -164,16 +178,10 @@ class Session:
     def _use(self, driver: Driver) -> None:
         self.driver = driver
         if self.options.record is not None:
-            self._recorder = BagRecorder(driver.env, self.options.record)
+            self._recorder = SafeRecorder(driver.env, self.options.record)
 
-    def _connect(self) -> None:
+    def _subscribe(self) -> None:
         o, bridge = self.options, self._bridge
-        twist = "geometry_msgs/msg/TwistStamped" if o.stamped else "geometry_msgs/msg/Twist"
-        bridge.advertise(o.cmd_vel_topic, twist)
-        bridge.advertise("/map", "nav_msgs/msg/OccupancyGrid", latch=True)
-        bridge.advertise("/plan", "nav_msgs/msg/Path")
-        bridge.advertise("/frontiers", "visualization_msgs/msg/MarkerArray")
-        bridge.advertise("/tf", "tf2_msgs/msg/TFMessage")
         if o.use_sim_time:
             bridge.subscribe("/clock", "rosgraph_msgs/msg/Clock", self._on_clock)
         bridge.subscribe("/tf_static", "tf2_msgs/msg/TFMessage", self._on_static)
@@ -297,65 +305,89 @@ class Session:
 
     def step(self) -> Twist:
         """Send the next command, and estimates for RViz; return the command."""
-        now, o = self.time, self.options
+        now, began, o = self.time, local_time(), self.options
+        if began - self._stepped > o.timeout and self._stepped > 0.0:
+            self._awake = began
+        self._stepped = began
         with self._lock:
             if (driver := self.driver) is None or math.isnan(now):
                 return STOP
-            hold = f"no connection: {self._bridge.error}" if self._bridge.error else ""
-            if o.dead_man is not None and time.monotonic() - self._permitted > DEAD_MAN_TIME:
-                hold = f"{o.dead_man} is not true"
-            command, self.reason = driver.command(now, hold), driver.reason
-            self._say(self.reason)
+            command = driver.command(now, self._why_held(began))
+            self.reason = driver.reason
             if o.dry_run:
                 LOGGER.info("%.2f s: %.3f m/s, %.3f rad/s", now, *command)
             else:
-                self._send(command, now)
+                self._commands.send(command, now, began)
+            self._progress.report(driver, now)
             if driver.has_begun:
-                self._show(driver, now)
+                self._viewer.show(driver, now)
         return command
 
-    def run(self, is_over: threading.Event) -> None:
-        """Send commands at the control rate, which is that of the training for learned policies."""
+    def _why_held(self, began: float) -> str:
+        errors = [self._bridge.error, *([] if self._commands is None else [self._commands.error])]
+        if error := next(filter(None, errors), ""):
+            return f"no connection: {error}"
+        if self.options.dead_man is not None and time.monotonic() - self._permitted > DEAD_MAN_TIME:
+            return f"{self.options.dead_man} is not true"
+        if began - self._awake < self.options.timeout:
+            return "the program has stood still, and waits for new messages"
+        return ""
+
+    def run(self, is_over: threading.Event, watch: Callable[[], Any] = contextlib.nullcontext) -> bool:
+        """Send commands at the control rate, which is that of the training for learned policies.
+
+        Ends when `is_over` is set, when the task is done, or at the time limit; returns False in the last case. Each
+        step but the first one, which compiles kernels, is within a context of `watch`.
+        """
         due, stepped = -math.inf, 0.0
         while not is_over.is_set():
-            period = 1.0 / self.options.control_hz if self.driver is None else self.driver.env.control_period
-            now, is_frozen = self.time, time.monotonic() - stepped > self.options.timeout
+            driver = self.driver
+            period = 1.0 / self.options.control_hz if driver is None else driver.env.control_period
+            now, is_frozen = self.time, time.monotonic() - stepped > 0.5 * self.options.timeout
             if now >= due or now < due - 1.0 or is_frozen:
-                self.step()
+                with watch() if driver is not None and driver.has_begun else contextlib.nullcontext():
+                    self.step()
+                if self.driver is not None and self._progress.is_done(self.driver, now):
+                    LOGGER.info("done: %s", self.reason)
+                    return True
+                if self.options.time_limit is not None and self._progress.elapsed(now) > self.options.time_limit:
+                    LOGGER.warning("not done within %g s", self.options.time_limit)
+                    return False
                 stepped = time.monotonic()
                 due = due + period if due > now - period else now + period
             time.sleep(0.001 if self.options.use_sim_time else 0.1 * period)
-
-    def _send(self, command: Twist, now: float) -> None:
-        message = messages.command(now, command, self.options.base_frame)
-        self._bridge.publish(self.options.cmd_vel_topic, message if self.options.stamped else message.twist)
-
-    def _show(self, driver: Driver, now: float) -> None:
-        o, publish = self.options, self._bridge.publish
-        publish("/tf", messages.transforms(now, (o.map_frame, o.odom_frame, driver.map_to_odometry)))
-        publish("/plan", messages.path(now, np.empty((0, 2)) if driver.plan is None else driver.plan))
-        if not 0.0 <= now - self._map_time < MAP_PERIOD:
-            self._map_time = now
-            publish("/map", messages.occupancy_grid(now, crop_to_known(driver.belief.grid, margin=0)))
-            if driver.env.overlay.markers is not None and (markers := driver.env.overlay.markers()) is not None:
-                publish("/frontiers", messages.points(now, markers.clusters))
-
-    def _say(self, reason: str) -> None:
-        kind = reason.partition(" for ")[0]
-        if kind != self._said:
-            self._said = kind
-            LOGGER.info("stopped: %s" if reason else "driving%s", reason)
+        return True
 
     def close(self) -> None:
-        """Stop the robot, write the map, and complete the recording."""
-        for _ in range(3):
-            if not (self.options.dry_run or math.isnan(self.time)):
-                self._send(STOP, self.time)
-            time.sleep(0.05)
-        if self._recorder is not None:
-            self._recorder.close()
+        """Stop the robot, write the map, and complete the recording: each of them also if another one fails.
+
+        Raises:
+            RuntimeError: the map or the recording is not complete.
+        """
+        failed = []
+        for name, work in (
+            ("stops", None if self._commands is None else self._commands.close),
+            ("map", self._save_map),
+            ("recording", None if self._recorder is None else self._recorder.close),
+        ):
+            try:
+                if work is not None:
+                    work()
+            except Exception as error:
+                failed.append(f"{name}: {type(error).__name__}: {error}")
+        if failed:
+            raise RuntimeError("; ".join(failed))
+
+    def _save_map(self) -> None:
         if self.options.save_map is not None and self.driver is not None and self.driver.has_begun:
             save_map(crop_to_known(self.driver.belief.grid), self.options.save_map)
+
+
+def command_topic(options: Options) -> CommandTopic:
+    """Return where and how the commands of a drive are sent."""
+    o = options
+    period = 1.0 / o.control_hz
+    return CommandTopic(o.cmd_vel_topic, o.stamped, o.base_frame, o.url, o.namespace, period, o.timeout)
 
 
 def _on_beams(scan: Scan, lidar: LidarParams) -> tuple[np.ndarray, float, np.ndarray]:
@@ -377,17 +409,36 @@ def yaw_of(quaternion: Any) -> float:
 
 
 def main(options: Options) -> None:
-    """Drive a robot until the policy ends or Ctrl-C.
+    """Drive a robot until the task is done, the time limit, or Ctrl-C.
+
+    Three connections do not wait for each other: commands (in a process of their own), RViz, and last the sensors,
+    which are subscribed to once commands can be sent.
 
     Raises:
         ValueError: an option has a value that is not allowed.
+        RuntimeError: the map or the recording is not complete.
+        TimeoutError: a decision takes over `MAX_STEP`.
+        SystemExit: with status 3: the task is not done within the time limit.
         lidarnaut.agents.run_folder.CheckpointError: the policy cannot be loaded.
     """
+    o, is_done = options, True
     with contextlib.ExitStack() as held:
-        bridge = held.enter_context(contextlib.closing(Rosbridge(options.url, options.namespace)))
-        session = held.enter_context(contextlib.closing(Session(options, bridge)))
-        held.enter_context(contextlib.suppress(KeyboardInterrupt))
-        session.run(threading.Event())
+        viewer = held.enter_context(contextlib.closing(Rosbridge(o.url, o.namespace)))
+        commands = None if o.dry_run else CommandProcess(command_topic(o))
+        expected = [o.scan_topic, o.odom_topic, *([] if o.imu_topic is None else [o.imu_topic])]
+
+        def is_ready() -> bool:
+            return not (viewer.error or (commands is not None and commands.error))
+
+        bridge = held.enter_context(
+            contextlib.closing(Rosbridge(o.url, o.namespace, expected=expected, is_ready=is_ready))
+        )
+        session = held.enter_context(contextlib.closing(Session(o, bridge, commands, viewer)))
+        held.callback(ignore_signals)
+        with contextlib.suppress(KeyboardInterrupt):
+            is_done = session.run(threading.Event(), functools.partial(time_limited, MAX_STEP))
+    if not is_done:
+        sys.exit(3)
 
 
 cli = functools.partial(run_program, main, Options)

@@ -207,6 +207,11 @@ class Driver:
         return self._decide is not None
 
     @property
+    def end_reason(self) -> str | None:
+        """Why the policy has nothing more to do; None while it has."""
+        return self._policy.end_reason if self.has_begun else None
+
+    @property
     def belief(self) -> Belief:
         """Estimated pose and map."""
         return self.env.belief

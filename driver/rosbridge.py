@@ -1,23 +1,26 @@
 """Client of the rosbridge protocol, version 2: ROS topics as JSON over a websocket, for ROS 1 and ROS 2."""
 
+import asyncio
+import contextlib
 import dataclasses
+import functools
 import json
 import logging
 import math
-import signal
 import threading
-import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Collection
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.files import printable
 
 try:
-    from websockets.exceptions import WebSocketException
-    from websockets.sync.client import ClientConnection, connect
+    from websockets.asyncio.client import ClientConnection, connect
+    from websockets.exceptions import ConnectionClosed
+    from websockets.frames import CloseCode
 except ImportError as error:
     raise ImportError("rosbridge needs websockets: pip install 'lidarnaut[ros]'") from error
 
@@ -26,8 +29,14 @@ RETRY_PERIOD = 1.0
 """Time between attempts to connect [s]."""
 PING_PERIOD, MAX_SILENCE = 0.5, 2.0
 """Time between pings, and maximum time without an answer before the connection counts as lost [s]."""
-MAX_BYTES = 64 * 2**20
+CLOSE_TIMEOUT = 1.0
+"""Maximum time for the server's half of closing a connection [s]."""
+PATIENCE = 3.0
+"""Topics without a message for this time after a connection are named [s]."""
+MAX_BYTES = 16 * 2**20
 """Maximum size of a received message."""
+MAX_WAITING = 2000
+"""Maximum number of messages that wait for their receiver, or of one topic to be sent; the oldest are dropped."""
 ROS1 = {"sec": "secs", "nanosec": "nsecs"}
 """Names of ROS 1 for fields of times and durations of ROS 2."""
 ROS2 = {other: name for name, other in ROS1.items()}
@@ -37,108 +46,275 @@ Receive = Callable[[Any], None]
 
 
 class Rosbridge:
-    """Connection to a rosbridge server, in a thread of its own; a lost connection is opened again.
+    """Connection to a rosbridge server, in threads of its own; a lost connection is opened again.
 
-    Topics are advertised and subscribed to anew after each connection. `latched` messages are sent again as well.
+    Topics are advertised and subscribed to anew after each connection. `latched` messages are sent again as well. One
+    thread sends, answers pings and reads; another one calls the receivers, which may take their time.
     """
 
-    def __init__(self, url: str, namespace: str = "") -> None:
-        """Begin to connect; ValueError unless `url` begins with `ws://` or `wss://`, such as `ws://robot:9090`.
+    def __init__(
+        self,
+        url: str,
+        namespace: str = "",
+        *,
+        expected: Collection[str] = (),
+        is_ready: Callable[[], bool] = lambda: True,
+        on_status: Callable[[str], None] | None = None,
+    ) -> None:
+        """Begin to connect.
 
-        `namespace`: prefix of all topics except `/clock`.
+        Args:
+            url: address of the server, such as `ws://robot:9090`.
+            namespace: prefix of all topics except `/clock`.
+            expected: subscribed topics that are named if no message arrives.
+            is_ready: whether the connection may be opened; asked again until it may.
+            on_status: called with errors and warnings that the server sends; by default, they are logged.
+
+        Raises:
+            ValueError: the URL does not begin with `ws://` or `wss://`.
         """
         if not url.startswith(("ws://", "wss://")):
             raise ValueError(f"url must begin with ws:// or wss://, such as ws://robot:9090, got {url!r}")
         self.url, self._namespace = url, f"/{name}" if (name := namespace.strip("/")) else ""
         self.error = "not connected yet"
         """Why there is no connection; empty while connected."""
-        self._socket: ClientConnection | None = None
+        self._expected, self._is_ready = {self._full(topic) for topic in expected}, is_ready
+        self._on_status = on_status or _log_status()
         self._topics: dict[str, dict[str, Any]] = {}
         self._receivers: dict[str, Receive] = {}
-        self._latched: dict[str, dict[str, Any]] = {}
-        self._is_closed = threading.Event()
-        self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._run, name="rosbridge", daemon=True)
-        self._thread.start()
+        self._latched: dict[str, Any] = {}
+        self._outgoing: dict[str, deque[Any]] = {}
+        self._refused, self._largest = set[str](), (0, "")
+        self._inbox: deque[str | bytes] = deque(maxlen=MAX_WAITING)
+        self._has_mail, self._is_closed, self._lock = threading.Event(), threading.Event(), threading.Lock()
+        self._loop = asyncio.new_event_loop()
+        self._wake = asyncio.Event()
+        self._threads = [threading.Thread(target=each, daemon=True) for each in (self._run, self._deliver)]
+        for thread in self._threads:
+            thread.start()
 
     def _full(self, topic: str) -> str:
         return topic if topic == "/clock" else self._namespace + topic
 
-    def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
-        topic = self._full(topic)
-        self._register({"op": "advertise", "topic": topic, "type": kind.replace("/msg/", "/"), "latch": latch})
+    def advertise(self, topic: str, kind: str, latch: bool = False) -> None:
+        """Announce a topic of a type such as `std_msgs/msg/Bool`; of a latched one, the newest message is kept."""
+        self._register("advertise", topic, kind, latch=latch)
 
     def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
         """Call `receive` with each message of a topic, an object with the message's fields, in the client's thread."""
-        topic = self._full(topic)
-        self._receivers[topic] = receive
-        self._register({"op": "subscribe", "topic": topic, "type": kind.replace("/msg/", "/"), "queue_length": 1})
+        self._receivers[self._full(topic)] = receive
+        self._register("subscribe", topic, kind)
 
     def publish(self, topic: str, message: Any) -> None:
-        """Send a message, from `lidarnaut.envs.logs.messages`; without a connection, only latched ones are kept."""
+        """Send a message, from `lidarnaut.envs.logs.messages`, later and in order; never waits.
+
+        Without a connection, only latched messages are kept. The message must not change afterwards.
+        """
         topic = self._full(topic)
-        is_latched = self._topics[f"advertise {topic}"]["latch"]
-        data = {"op": "publish", "topic": topic, "msg": to_json(message), "latch": is_latched}
-        if is_latched:
-            self._latched[topic] = data
-        self._send(data)
+        with self._lock:
+            if topic in self._refused:
+                return
+            is_latched = self._topics[f"advertise {topic}"]["latch"]
+            if is_latched:
+                self._latched[topic] = message
+            if not self.error:
+                self._outgoing.setdefault(topic, deque(maxlen=1 if is_latched else MAX_WAITING)).append(message)
+        self._awake()
+
+    def ask(self, service: str, args: dict[str, str], receive: Receive) -> None:
+        """Call a service of the server; `receive` gets the values of its answer, if there is one."""
+        self._receivers[service] = receive
+        self._send({"op": "call_service", "service": service, "args": args, "id": service})
 
     def close(self) -> None:
-        """Close the connection and end the thread."""
+        """Send what waits to be sent, for at most a second, close the connection and end the threads."""
         self._is_closed.set()
-        if (socket := self._socket) is not None:
-            socket.close()
-        self._thread.join()
+        self._awake()
+        self._has_mail.set()
+        for thread in self._threads:
+            if thread is not threading.current_thread():
+                thread.join(4.0 * CLOSE_TIMEOUT)
 
-    def _register(self, data: dict[str, Any]) -> None:
-        self._topics[f"{data['op']} {data['topic']}"] = data
+    def _awake(self) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(self._wake.set)
+
+    def _register(self, operation: str, topic: str, kind: str, **how: Any) -> None:
+        topic = self._full(topic)
+        data = {"op": operation, "topic": topic, "type": kind.replace("/msg/", "/"), **how}
+        with self._lock:
+            self._topics[f"{operation} {topic}"] = data
         self._send(data)
 
     def _send(self, data: dict[str, Any]) -> None:
         with self._lock:
-            if self._socket is not None:
-                try:
-                    self._socket.send(json.dumps(data))
-                except (OSError, WebSocketException) as error:
-                    self.error = f"{type(error).__name__}: {error}"
+            if not self.error:
+                self._outgoing.setdefault("", deque()).append(data)
+        self._awake()
+
+    def _take(self) -> dict[str, Any] | None:
+        """Return what is to be sent next: operations first, then one message of each topic in turn."""
+        with self._lock:
+            topic = next(iter(self._outgoing), None) if "" not in self._outgoing else ""
+            if topic is None:
+                return None
+            waiting = self._outgoing.pop(topic)
+            content = waiting.popleft()
+            if waiting:
+                self._outgoing[topic] = waiting
+        if topic == "":
+            return content
+        return {"op": "publish", "topic": topic, "msg": content}
 
     def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        self._loop.run_until_complete(self._connect())
+        self._loop.close()
+
+    async def _connect(self) -> None:
         said = ""
+        how: Any = {"ping_interval": PING_PERIOD, "ping_timeout": MAX_SILENCE, "max_size": MAX_BYTES}
         while not self._is_closed.is_set():
-            try:
-                how: Any = {"ping_interval": PING_PERIOD, "ping_timeout": MAX_SILENCE, "max_size": MAX_BYTES}
-                with connect(self.url, open_timeout=2.0, compression=None, **how) as socket:
-                    for data in (*self._topics.values(), *self._latched.values()):
-                        socket.send(json.dumps(data))
-                    self._socket, self.error = socket, ""
-                    if self._is_closed.is_set():
-                        return
-                    said = ""
-                    LOGGER.info("connected to %s", self.url)
-                    for text in socket:
-                        self._receive(text)
-                self.error = "the server has closed the connection"
-            except (OSError, WebSocketException) as error:
-                self.error = f"{type(error).__name__}: {error}"
-            self._socket = None
-            if not self._is_closed.is_set() and self.error != said:
-                LOGGER.warning("no connection to %s: %s", self.url, self.error)
-            said = self.error
-            self._is_closed.wait(RETRY_PERIOD)
+            if self._is_ready():
+                try:
+                    async with connect(
+                        self.url, open_timeout=2.0, close_timeout=CLOSE_TIMEOUT, compression=None, **how
+                    ) as socket:
+                        said = ""
+                        await self._use(socket)
+                    reason = "the server has closed the connection"
+                except Exception as error:  # also those of a connection that is reset while it closes
+                    reason = f"{type(error).__name__}: {printable(error)}"
+                    if (
+                        isinstance(error, ConnectionClosed)
+                        and error.rcvd
+                        and error.rcvd.code == CloseCode.MESSAGE_TOO_BIG
+                    ):
+                        reason = f"messages of {self._largest[0]} bytes are too large for the server"
+                        self._refuse(self._largest[1])
+                with self._lock:
+                    self.error = reason
+                    self._outgoing.clear()
+                if not self._is_closed.is_set() and reason != said:
+                    LOGGER.warning("no connection to %s: %s", self.url, reason)
+                said = reason
+            self._wake.clear()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._until_closed(), RETRY_PERIOD if said else 0.05)
+
+    def _refuse(self, topic: str) -> None:
+        """Send no more messages of a topic, whose size ends the connection."""
+        with self._lock:
+            self._refused.add(topic)
+            self._latched.pop(topic, None)
+            self._largest = (0, "")
+
+    async def _until_closed(self) -> None:
+        while not self._is_closed.is_set():
+            await self._wake.wait()
+            self._wake.clear()
+
+    async def _use(self, socket: ClientConnection) -> None:
+        with self._lock:
+            self._outgoing = {topic: deque([message], maxlen=1) for topic, message in self._latched.items()}
+            if self._topics:
+                self._outgoing[""] = deque(self._topics.values())
+            self.error = ""
+        if self._receivers:
+            LOGGER.info("connected to %s", self.url)
+        begun = asyncio.get_running_loop().time()
+        self._heard: set[str] = set()
+        tasks = {asyncio.create_task(each) for each in (self._read(socket), self._write(socket), self._look(begun))}
+        done, others = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in others:
+            task.cancel()
+        for task in done:
+            task.result()
+
+    async def _read(self, socket: ClientConnection) -> None:
+        async for text in socket:
+            self._inbox.append(text)
+            self._has_mail.set()
+
+    async def _write(self, socket: ClientConnection) -> None:
+        """Send messages in turn; a message of which nothing leaves for `MAX_SILENCE` ends the connection."""
+        while True:
+            self._wake.clear()
+            while (data := self._take()) is not None:
+                try:
+                    text = json.dumps(to_json(data))
+                except (TypeError, ValueError, RecursionError) as error:
+                    LOGGER.warning("%s: a message cannot be sent: %s", data.get("topic"), error)
+                    continue
+                self._largest = max(self._largest, (len(text), data.get("topic", "")))
+                sending = asyncio.ensure_future(socket.send(text))
+                left = math.inf
+                while not (await asyncio.wait({sending}, timeout=0.75 * MAX_SILENCE))[0]:
+                    if (size := socket.transport.get_write_buffer_size()) >= left:
+                        socket.transport.abort()
+                        raise ConnectionError(f"the server takes no data, with {size} bytes left")
+                    left = size
+                sending.result()
+            if self._is_closed.is_set():
+                return
+            await self._wake.wait()
+
+    async def _look(self, begun: float) -> None:
+        """Name expected topics without a message; never ends, unless cancelled."""
+        await asyncio.sleep(PATIENCE)
+        for topic in sorted(self._expected - self._heard):
+            kind = self._topics[f"subscribe {topic}"]["type"]
+            LOGGER.warning("no message on %s (%s) for %g s", topic, kind, PATIENCE)
+            self.ask("/rosapi/topics_for_type", {"type": kind}, functools.partial(_name_topics, kind))
+            await asyncio.sleep(0.5)
+        await asyncio.Event().wait()
+
+    def _deliver(self) -> None:
+        while not self._is_closed.is_set():
+            self._has_mail.wait()
+            self._has_mail.clear()
+            while self._inbox and not self._is_closed.is_set():
+                self._receive(self._inbox.popleft())
 
     def _receive(self, text: str | bytes) -> None:
         try:
             data = json.loads(text)
-            receive = self._receivers[data["topic"]] if data["op"] == "publish" else None
-            message = from_json(data["msg"]) if receive else None
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
-            LOGGER.warning("a message that is not of the rosbridge protocol: %s: %s", type(error).__name__, error)
+            operation, receive, content = data["op"], None, None
+            if operation == "publish":
+                receive, content = self._receivers.get(data["topic"]), data["msg"]
+            elif operation == "service_response":
+                receive, content = self._receivers.get(data["service"]), data.get("values")
+            elif operation == "status" and data.get("level") in ("error", "warning"):
+                self._on_status(printable(data["msg"]))
+            message = from_json(content) if receive else None
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            reason = f"{type(error).__name__}: {printable(error)}"
+            LOGGER.warning("a message that is not of the rosbridge protocol: %s", reason)
             return
         if receive is not None:
+            name = data.get("topic") or data["service"]
+            self._heard.add(name)
             try:
                 receive(message)
             except Exception as error:  # other messages are still received
-                LOGGER.warning("%s: a message is dropped: %s: %s", data["topic"], type(error).__name__, error)
+                reason = f"{type(error).__name__}: {printable(error)}"
+                LOGGER.warning("%s: a message is dropped: %s", printable(name), reason)
+
+
+def _log_status() -> Callable[[str], None]:
+    said = set[str]()
+
+    def log(text: str) -> None:
+        if text not in said and len(said) < MAX_WAITING:
+            said.add(text)
+            LOGGER.warning("the rosbridge server says: %s", text)
+
+    return log
+
+
+def _name_topics(kind: str, found: Any) -> None:
+    names = [printable(each) for each in getattr(found, "topics", ())]
+    LOGGER.warning("topics of type %s: %s", kind, ", ".join(names) or "none")
 
 
 def to_json(value: Any) -> Any:
@@ -155,6 +331,8 @@ def to_json(value: Any) -> Any:
         if value.dtype.kind == "f":
             return [number if math.isfinite(number) else None for number in value.astype(np.float64).tolist()]
         return value.tolist()
+    if isinstance(value, dict):
+        return {name: to_json(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
         return [to_json(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
@@ -166,34 +344,3 @@ def from_json(value: Any) -> Any:
         return SimpleNamespace(**{ROS2.get(str(name), str(name)): from_json(each) for name, each in value.items()})
     is_list = isinstance(value, list) and len(value) > 0 and isinstance(value[0], dict)
     return [from_json(each) for each in value] if is_list else value
-
-
-class Clock:
-    """Time of the robot's messages, between messages and without synchronized computers.
-
-    The offset between stamps and the local clock is the largest one of the last `WINDOW` seconds, which belongs to the
-    fastest message; a delay that all messages share cannot be seen.
-    """
-
-    WINDOW = 10.0
-
-    def __init__(self) -> None:
-        self._offsets: list[tuple[float, float]] = []
-
-    def note(self, stamp: float) -> None:
-        """Note the stamp of a message that has just arrived [s]."""
-        now = time.monotonic()
-        kept = [each for each in self._offsets if now - each[0] < self.WINDOW and each[1] > stamp - now]
-        self._offsets = [*kept, (now, stamp - now)]
-
-    @property
-    def time(self) -> float:
-        """Estimated time of the robot's clock [s]; NaN before the first message."""
-        return time.monotonic() + self._offsets[0][1] if self._offsets else math.nan
-
-
-def run_program(main: Callable[[Any], None], options: type) -> None:
-    """Run a program with options of the command line; SIGTERM ends it like Ctrl-C."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    run_command(main, options=options, status=1)

@@ -15,7 +15,8 @@ from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.logs import messages
 from lidarnaut.envs.simulation import Twist
 
-from .rosbridge import Rosbridge, run_program
+from .program import run_program
+from .rosbridge import Rosbridge
 from .simulated_robot import SimulatedRobot
 
 LOGGER = logging.getLogger(__name__)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lidarnaut.baselines.episode import Episode as Episode
     from lidarnaut.baselines.episode import run_episode as run_episode
     from lidarnaut.benchmarks.arena.evaluate import evaluate as evaluate
-    from lidarnaut.driver import Driver as Driver
+    from lidarnaut.driver.driver import Driver as Driver
     from lidarnaut.envs.core import LidarEnv as LidarEnv
     from lidarnaut.envs.robots import RobotParams as RobotParams
     from lidarnaut.envs.robots import robots as robots
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "Crowd": "envs.simulation.crowd",
-    "Driver": "driver",
+    "Driver": "driver.driver",
     "Episode": "baselines.episode",
     "LidarEnv": "envs.core",
     "RobotParams": "envs.robots",

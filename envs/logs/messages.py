@@ -2,6 +2,7 @@
 
 import functools
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,9 @@ def imu(time: float, yaw_rate: float) -> Any:
 
 def transforms(time: float, *edges: tuple[str, str, Pose2D]) -> Any:
     """Return a `tf2_msgs/TFMessage` of transforms: parent frame, child frame, and pose of the child in the parent."""
-    made = [_transform(time, parent, child, Mount(x, y, yaw=theta)) for parent, child, (x, y, theta) in edges]
+    made = []
+    for parent, child, (x, y, theta) in edges:  # without the limits of a lidar's mount: odometry may be far away
+        made.append(_transform(time, parent, child, SimpleNamespace(x=x, y=y, z=0.0, yaw=theta)))
     return _make("tf2_msgs/msg/TFMessage", made)
 
 
@@ -159,7 +162,7 @@ def _marker(time: float, name: str, k: int, kind: int, pose: Pose2D, size: Any, 
     return _make("visualization_msgs/msg/Marker", header, name, k, kind, add, _pose(pose), *look, shown, *rest)
 
 
-def _transform(time: float, parent: str, child: str, mount: Mount) -> Any:
+def _transform(time: float, parent: str, child: str, mount: Any) -> Any:
     translation = _make("geometry_msgs/msg/Vector3", mount.x, mount.y, mount.z)
     transform = _make("geometry_msgs/msg/Transform", translation, _quaternion(mount.yaw))
     return _make("geometry_msgs/msg/TransformStamped", _header(time, parent), child, transform)

@@ -1,0 +1,199 @@
+"""Velocity commands with a deadline of their own: a process that stops the robot if decisions do not arrive in time."""
+
+import json
+import logging
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from .rosbridge import Rosbridge
+
+LOGGER = logging.getLogger(__name__)
+TWIST = "geometry_msgs/msg/Twist"
+DECISION = struct.Struct("<4d")
+"""Forward speed [m/s], yaw rate [rad/s], time of the robot's clock and local time of a decision [s]."""
+STOPS, BETWEEN_STOPS = 3, 0.05
+"""Number of stops at the end, and time between them [s]."""
+
+
+def local_time() -> float:
+    """Return a time that all processes of this computer share, and that goes on while it sleeps [s]."""
+    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
+
+
+@dataclass(frozen=True)
+class CommandTopic:
+    """Where and how commands are sent."""
+
+    topic: str = "/cmd_vel"
+    stamped: bool = False
+    """Whether commands are TwistStamped instead of Twist."""
+    frame: str = "base_footprint"
+    """Frame of commands that are stamped."""
+    url: str = ""
+    namespace: str = ""
+    period: float = 0.1
+    """Time between commands [s]."""
+    timeout: float = 1.0
+    """Decisions hold for this time; then the robot is stopped [s]."""
+
+
+class BridgeCommands:
+    """Commands through a given connection."""
+
+    error = ""
+
+    def __init__(self, bridge: Any, target: CommandTopic) -> None:
+        """Advertise the topic."""
+        self._bridge, self._target, self._is_stamped = bridge, target, target.stamped
+        self._stamp = 0.0
+        self._advertise()
+
+    def _advertise(self) -> None:
+        self._bridge.advertise(self._target.topic, f"{TWIST}Stamped" if self._is_stamped else TWIST)
+
+    def use_type(self, text: str) -> bool:
+        """Take the last type of twists that a text of the server names; return whether it is another one."""
+        found = re.findall(r"geometry_msgs/(?:msg/)?Twist(Stamped)?\b", text)
+        if not found or bool(found[-1]) == self._is_stamped:
+            return False
+        self._is_stamped = not self._is_stamped
+        self._advertise()
+        return True
+
+    def send(self, command: tuple[float, float], stamp: float, decided: float = 0.0) -> None:
+        """Send a command (v, w) [m/s, rad/s] with a stamp of the robot's clock [s]."""
+        self._stamp = stamp
+        linear, angular = ({"x": 0.0, "y": 0.0, "z": 0.0} for _ in range(2))
+        linear["x"], angular["z"] = command
+        message: dict[str, Any] = {"linear": linear, "angular": angular}
+        if self._is_stamped:
+            seconds, nanoseconds = divmod(round(stamp * 1e9), 10**9)
+            header = {"stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": self._target.frame}
+            message = {"header": header, "twist": message}
+        self._bridge.publish(self._target.topic, message)
+
+    def close(self) -> None:
+        """Send stops."""
+        for _ in range(STOPS):
+            self.send((0.0, 0.0), self._stamp)
+            time.sleep(BETWEEN_STOPS)
+
+
+class CommandProcess:
+    """Commands through a connection of a process of its own.
+
+    It repeats the newest decision at the control rate, and sends stops if there is none younger than the timeout:
+    also while this process computes, compiles, waits for a disk or a terminal, is stopped, or has ended.
+    """
+
+    def __init__(self, target: CommandTopic) -> None:
+        """Start the process."""
+        self.error = "not connected yet"
+        """Why no commands are sent; empty while they are."""
+        command = [sys.executable, "-m", "lidarnaut.driver.commands", json.dumps(asdict(target))]
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, bufsize=0)
+        os.set_blocking(self._process.stdin.fileno(), False)  # type: ignore[union-attr]
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process has ended by itself."""
+        return self._process.poll() is not None
+
+    def send(self, command: tuple[float, float], stamp: float, decided: float) -> None:
+        """Pass a decision on; never waits. `decided`: time of `local_time` at which its computation began [s]."""
+        try:
+            self._process.stdin.write(DECISION.pack(*command, stamp, decided))  # type: ignore[union-attr]
+        except BrokenPipeError:
+            self.error = "the process that sends commands has ended"
+
+    def close(self) -> None:
+        """Let the process send stops and end."""
+        self._process.stdin.close()  # type: ignore[union-attr]
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+        self._thread.join(1.0)
+
+    def _listen(self) -> None:
+        for line in self._process.stdout:  # type: ignore[union-attr]
+            told = json.loads(line)
+            self.error = told.get("error", self.error)
+            if text := told.get("log"):
+                LOGGER.warning("%s", text)
+        self.error = "the process that sends commands has ended"
+
+
+class _Sender:
+    """The work of the process."""
+
+    def __init__(self, target: CommandTopic) -> None:
+        self._target, self._said = target, "not connected yet"
+        self._newest, self._is_new, self._is_over = (0.0, 0.0, 0.0, 0.0), False, False
+        self._changed = threading.Condition()
+        self._bridge = Rosbridge(target.url, target.namespace, on_status=self._on_status)
+        self._commands = BridgeCommands(self._bridge, target)
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        while len(record := sys.stdin.buffer.read(DECISION.size)) == DECISION.size:
+            with self._changed:
+                self._newest, self._is_new = DECISION.unpack(record), True
+                self._changed.notify()
+        with self._changed:
+            self._is_over = True
+            self._changed.notify()
+
+    def _tell(self, **what: str) -> None:
+        try:
+            os.write(1, json.dumps(what).encode() + b"\n")
+        except OSError:  # the driver has ended, or does not read
+            return
+
+    def _on_status(self, text: str) -> None:
+        self._tell(log=f"the rosbridge server says: {text}")
+        if self._target.topic in text:
+            self._take_type(text)
+
+    def _take_type(self, text: str) -> None:
+        if self._commands.use_type(text):
+            self._tell(log=f"commands are sent with the type of {self._target.topic} that the server names: {text}")
+
+    def run(self) -> None:
+        """Send commands until the input ends, then stops."""
+        decided = 0.0
+        while not self._is_over:
+            with self._changed:
+                self._changed.wait_for(lambda: self._is_over or self._is_new, self._target.period)
+                v, w, stamp, decided = self._newest
+                self._is_new = False
+            if decided > 0.0:
+                age = local_time() - decided
+                self._commands.send((v, w) if age <= self._target.timeout else (0.0, 0.0), stamp + age)
+            if self._bridge.error != self._said:
+                self._said = self._bridge.error
+                self._tell(error=self._said)
+                topic = {"topic": self._target.topic}
+                self._bridge.ask("/rosapi/topic_type", topic, lambda found: self._take_type(str(found.type)))
+        if decided > 0.0:
+            self._commands.close()
+        self._bridge.close()
+
+
+if __name__ == "__main__":
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # of the whole group; the end of the input counts
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    os.set_blocking(1, False)
+    _Sender(CommandTopic(**json.loads(sys.argv[1]))).run()

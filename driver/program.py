@@ -1,0 +1,90 @@
+"""What programs that drive robots share: time of the robot, signals, time limits, and a log that never waits."""
+
+import contextlib
+import faulthandler
+import logging
+import math
+import queue
+import signal
+import time
+from collections.abc import Callable, Iterator
+from logging.handlers import QueueHandler, QueueListener
+from typing import Any
+
+from lidarnaut.envs.command_line import run_command
+
+SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+"""Signals that end a program like Ctrl-C."""
+
+
+class Clock:
+    """Time of the robot's messages, between messages and without synchronized computers.
+
+    The offset between stamps and the local clock is the largest one of the last `WINDOW` seconds, which belongs to the
+    fastest message; a delay that all messages share cannot be seen.
+    """
+
+    WINDOW = 10.0
+
+    def __init__(self) -> None:
+        self._offsets: list[tuple[float, float]] = []
+
+    def note(self, stamp: float) -> None:
+        """Note the stamp of a message that has just arrived [s]."""
+        now = time.monotonic()
+        kept = [each for each in self._offsets if now - each[0] < self.WINDOW and each[1] > stamp - now]
+        self._offsets = [*kept, (now, stamp - now)]
+
+    @property
+    def time(self) -> float:
+        """Estimated time of the robot's clock [s]; NaN before the first message."""
+        return time.monotonic() + self._offsets[0][1] if self._offsets else math.nan
+
+
+@contextlib.contextmanager
+def time_limited(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError in the main thread if the body takes longer; end the process if it then goes on for as long.
+
+    The second limit is for compiled code, which Python cannot interrupt.
+    """
+
+    def interrupt(*_: Any) -> None:
+        raise TimeoutError(f"a decision takes over {seconds:g} s")
+
+    if not hasattr(signal, "setitimer"):
+        yield
+        return
+    signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    faulthandler.dump_traceback_later(2.0 * seconds, exit=True)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def ignore_signals() -> None:
+    """Let the program end without further interruptions."""
+    for each in SIGNALS:
+        signal.signal(each, signal.SIG_IGN)
+
+
+def run_program(main: Callable[[Any], None], options: type) -> None:
+    """Run a program with options of the command line; SIGTERM and SIGHUP end it like Ctrl-C.
+
+    Messages are printed by a thread of its own: a terminal that stands still, or is gone, holds nothing up.
+    """
+    records = queue.Queue[Any](1000)
+    logging.raiseExceptions = False
+    QueueListener(records, logging.StreamHandler()).start()
+    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[QueueHandler(records)])
+    for each in SIGNALS:
+        if signal.getsignal(each) != signal.SIG_IGN:  # as with nohup
+            signal.signal(each, signal.default_int_handler)
+    try:
+        run_command(main, options=options, status=1)
+    finally:
+        end = time.monotonic() + 1.0
+        while not records.empty() and time.monotonic() < end:
+            time.sleep(0.01)

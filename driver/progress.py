@@ -1,0 +1,59 @@
+"""State of a drive in lines for people, and its end."""
+
+import logging
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from .driver import Driver
+
+LOGGER = logging.getLogger(__name__)
+REPORT_PERIOD = 10.0
+"""Time between lines about the state [s]."""
+SETTLED = 5.0
+"""A policy that finds nothing more to do for this time is done [s]."""
+
+
+class Progress:
+    """What a drive has done, by times of the robot's clock."""
+
+    def __init__(self, goal: Sequence[float] | None) -> None:
+        """Begin. `goal`: x, y [m] and optionally heading, map frame; reaching it ends the drive."""
+        self._goal, self._said = goal, "not asked yet"
+        self._began = self._reported = self._busy = math.nan
+
+    def elapsed(self, now: float) -> float:
+        """Return the time since the first scan was used [s]; 0 before."""
+        return 0.0 if math.isnan(self._began) else now - self._began
+
+    def is_done(self, driver: Driver, now: float) -> bool:
+        """Return whether the goal is reached, or an explorer has found nothing more to do for a while."""
+        if not driver.has_begun:
+            return False
+        if math.isnan(self._began):
+            self._began = now
+        if math.isnan(self._busy) or not driver.reason or driver.reason != driver.end_reason:
+            self._busy = now
+        goal = driver.env.task.goal
+        if goal is None:
+            return now - self._busy >= SETTLED
+        return driver.reason == "reached" and self._goal is not None and goal[:2] == tuple(self._goal[:2])
+
+    def report(self, driver: Driver, now: float) -> None:
+        """Say when and why the robot stops, and each `REPORT_PERIOD` what is known."""
+        kind = driver.reason.partition(" for ")[0]
+        if kind != self._said:
+            self._said = kind
+            LOGGER.info("stopped: %s" if kind else "driving%s", driver.reason)
+        if not driver.has_begun or 0.0 <= now - self._reported < REPORT_PERIOD:
+            return
+        self._reported, belief, goal = now, driver.belief, driver.env.task.goal
+        area = np.count_nonzero(belief.grid.data >= 0) * belief.grid.resolution**2
+        parts = [f"map {area:.1f} m2", "at {:.2f} {:.2f} m, {:.2f} rad".format(*belief.pose)]
+        if (variance := float(np.trace(belief.covariance[:2, :2]))) > 0.0:
+            parts.append(f"+- {math.sqrt(variance):.2f} m")
+        if goal is not None and driver.env.task.has_goal:
+            parts.append(f"{math.dist(belief.pose[:2], goal[:2]):.1f} m to the goal {goal[0]:g} {goal[1]:g}")
+        parts += [f"{count} dropped: {reason}" for reason, count in driver.dropped.items()]
+        LOGGER.info("%s", ", ".join(parts))

@@ -1,0 +1,378 @@
+"""Commands hold their deadline whatever the driver, the server or the disk do."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from lidarnaut.driver.driver import Driver
+from lidarnaut.driver.simulated_robot import SimulatedRobot
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.logs import messages
+
+pytest.importorskip("websockets")
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import serve
+
+from lidarnaut.driver import drive, viewer
+from lidarnaut.driver.commands import BridgeCommands, CommandProcess, CommandTopic, local_time
+from lidarnaut.driver.program import time_limited
+from lidarnaut.driver.rosbridge import Rosbridge
+
+from .test_rosbridge import Topics, wait_for
+
+STOP = (0.0, 0.0)
+
+
+class Recorder:
+    """Server that notes what it receives, and answers with given texts."""
+
+    def __init__(self, answer=lambda data: None, max_size=2**26):
+        self.data, self.sockets, self._answer = [], [], answer
+        self._server = serve(self._handle, "127.0.0.1", 0, compression=None, max_size=max_size)
+        self.url = f"ws://127.0.0.1:{self._server.socket.getsockname()[1]}"
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def _handle(self, socket):
+        self.sockets.append(socket)
+        with contextlib.suppress(ConnectionClosed):
+            for text in socket:
+                self.data.append(data := json.loads(text))
+                if (told := self._answer(data)) is not None:
+                    socket.send(json.dumps(told))
+
+    @property
+    def commands(self):
+        twists = [each["msg"] for each in self.data if each["op"] == "publish" and each["topic"] == "/cmd_vel"]
+        twists = [each.get("twist", each) for each in twists]
+        return [(each["linear"]["x"], each["angular"]["z"]) for each in twists]
+
+    def advertised(self, topic):
+        return [each["type"] for each in self.data if each["op"] == "advertise" and each["topic"] == topic]
+
+    def close(self):
+        self._server.shutdown()
+        for socket in self.sockets:
+            socket.close()
+
+
+@pytest.fixture
+def server():
+    with contextlib.closing(Recorder()) as server:
+        yield server
+
+
+@contextlib.contextmanager
+def commanding(server, **how):
+    with contextlib.closing(CommandProcess(CommandTopic(url=server.url, period=0.02, **how))) as commands:
+        wait_for(lambda: not commands.error, 30.0)
+        yield commands
+
+
+def test_a_decision_is_repeated_until_it_is_too_old_and_then_the_robot_is_stopped(server):
+    with commanding(server, timeout=0.5) as commands:
+        time.sleep(0.1)
+        assert not server.commands  # a robot that others drive is left alone until the first decision
+        commands.send((0.1, 0.2), 7.0, local_time())
+        wait_for(lambda: STOP in server.commands)
+        first = server.commands.index(STOP)
+        assert server.commands[:first] == [(0.1, 0.2)] * first
+        assert 3 <= first <= 30
+        commands.send((0.3, 0.0), 9.0, local_time() - 0.6)  # computed for too long
+        commands.send((0.2, 0.0), 9.0, local_time())
+        wait_for(lambda: (0.2, 0.0) in server.commands)
+        assert (0.3, 0.0) not in server.commands
+    assert server.commands[-3:] == [STOP] * 3
+    assert server.advertised("/cmd_vel") == ["geometry_msgs/Twist"]
+    assert {each["topic"] for each in server.data if "topic" in each} == {"/cmd_vel"}
+
+
+def test_after_the_processes_have_stood_still_the_first_command_is_a_stop(server):
+    with commanding(server, timeout=0.4) as commands:
+        commands.send((0.1, 0.2), 7.0, local_time())
+        wait_for(lambda: server.commands)
+        os.kill(commands._process.pid, signal.SIGSTOP)
+        commands.send((0.3, 0.3), 7.1, local_time())  # waits in the pipe
+        time.sleep(0.6)
+        count = len(server.commands)
+        os.kill(commands._process.pid, signal.SIGCONT)
+        wait_for(lambda: len(server.commands) > count + 5)
+        assert set(server.commands[count:]) == {STOP}
+
+
+def test_a_driver_that_is_killed_leaves_a_robot_that_stands(server):
+    code = (
+        "import os, signal, sys, time\n"
+        "from lidarnaut.driver.commands import CommandProcess, CommandTopic, local_time\n"
+        "commands = CommandProcess(CommandTopic(url=sys.argv[1], timeout=60.0))\n"
+        "while commands.error: time.sleep(0.01)\n"
+        "commands.send((0.5, 0.0), 1.0, local_time())\n"
+        "time.sleep(0.3)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    subprocess.run([sys.executable, "-c", code, server.url], timeout=60.0, check=False)
+    wait_for(lambda: server.commands[-3:] == [STOP] * 3)
+    assert (0.5, 0.0) in server.commands
+
+
+def test_the_process_that_sends_ignores_signals_of_the_group_and_its_end_is_noticed(server):
+    with commanding(server) as commands:
+        for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            commands._process.send_signal(each)
+        commands.send((0.1, 0.2), 7.0, local_time())
+        wait_for(lambda: server.commands)
+        assert not commands.has_ended
+        commands._process.kill()
+        wait_for(lambda: commands.error == "the process that sends commands has ended")
+        commands.send((0.1, 0.2), 7.0, local_time())
+
+
+CLASH = "Tried to register topic /cmd_vel with type {} but it is already established with type {}"
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+@pytest.mark.parametrize("way", ["status", "service"])
+def test_the_type_of_commands_follows_the_robot(way, stamped):
+    kinds = ["geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"]
+    own, robots = kinds if not stamped else kinds[::-1]
+
+    def answer(data):
+        if way == "status" and data["op"] == "advertise" and data["type"] == own.replace("/msg", ""):
+            return {"op": "status", "level": "error", "msg": CLASH.format(own, robots)}
+        if way == "service" and data["op"] == "call_service" and data["service"] == "/rosapi/topic_type":
+            values, about = {"type": robots}, data["args"]["topic"]
+            assert about == "/cmd_vel"
+            return {"op": "service_response", "service": "/rosapi/topic_type", "values": values, "result": True}
+        return None
+
+    with contextlib.closing(Recorder(answer)) as server, commanding(server, stamped=stamped) as commands:
+        wait_for(lambda: len(server.advertised("/cmd_vel")) == 2)
+        commands.send((0.1, 0.2), 7.25, local_time())
+        wait_for(lambda: (0.1, 0.2) in server.commands)
+        last = server.data[-1]["msg"]
+        assert ("twist" in last) != stamped
+        if not stamped:
+            assert last["header"]["frame_id"] == "base_footprint"
+            assert last["header"]["stamp"]["secs"] == 7
+
+
+def test_other_texts_do_not_change_the_type():
+    commands = BridgeCommands(Topics(), CommandTopic())
+    for text in ("", "geometry_msgs/msg/Pose", "type None", "geometry_msgs/msg/Twist", "geometry_msgs/TwistWithHeader"):
+        assert not commands.use_type(text)
+
+
+def test_missing_topics_are_named_with_those_of_the_same_type(caplog):
+    def answer(data):
+        if data["op"] == "call_service":
+            values = {"topics": ["/lidar/scan", "/back\x1b[2J"]}
+            return {"op": "service_response", "service": data["service"], "values": values, "result": True}
+        return None
+
+    with contextlib.closing(Recorder(answer)) as server:
+        bridge = Rosbridge(server.url, expected=["/scan"])
+        with contextlib.closing(bridge):
+            bridge.subscribe("/scan", "sensor_msgs/msg/LaserScan", lambda message: None)
+            wait_for(lambda: "topics of type sensor_msgs/LaserScan: /lidar/scan, /back\\x1b[2J" in caplog.text)
+    assert "no message on /scan (sensor_msgs/LaserScan) for 3 s" in caplog.text
+
+
+def test_texts_of_a_server_are_escaped_and_said_once(caplog):
+    with contextlib.closing(Recorder()) as server, contextlib.closing(Rosbridge(server.url)) as bridge:
+        wait_for(lambda: not bridge.error)
+        for _ in range(3):
+            server.sockets[0].send(json.dumps({"op": "status", "level": "error", "msg": "no \x1b]0;title"}))
+        server.sockets[0].send(json.dumps({"op": "status", "level": "info", "msg": "hello"}))
+        server.sockets[0].close(1011, "bad \x1b[31m news")
+        wait_for(lambda: bridge.error)
+    assert caplog.text.count("the rosbridge server says: no \\x1b]0;title") == 1
+    assert "hello" not in caplog.text
+    assert "\x1b" not in caplog.text + bridge.error
+
+
+def test_publishing_never_waits_for_a_server_and_closing_ends_in_time(server):
+    big = np.zeros(3_000_000, dtype=np.int8)
+    with contextlib.closing(Rosbridge(server.url)) as bridge:
+        bridge.advertise("/map", "nav_msgs/msg/OccupancyGrid", latch=True)
+        wait_for(lambda: not bridge.error)
+        begun = time.process_time()
+        for _ in range(200):
+            bridge.publish("/map", {"data": big})
+        bridge.advertise("/other", "std_msgs/msg/Bool")
+        bridge.publish("/other", {"data": object()})  # is dropped
+        assert sum(map(len, bridge._outgoing.values())) <= 3  # of 202
+        assert time.process_time() - begun < 20.0  # of the newest ones alone
+        wait_for(lambda: any(each["op"] == "publish" for each in server.data), 30.0)
+        assert not bridge.error
+    assert not any(thread.is_alive() for thread in bridge._threads)
+
+
+def test_a_topic_that_is_too_large_for_the_server_is_left_out(caplog):
+    with contextlib.closing(Recorder(max_size=10_000)) as server, contextlib.closing(Rosbridge(server.url)) as bridge:
+        bridge.advertise("/map", "nav_msgs/msg/OccupancyGrid", latch=True)
+        bridge.advertise("/plan", "nav_msgs/msg/Path")
+        wait_for(lambda: not bridge.error)
+        bridge.publish("/map", {"data": np.zeros(10_000, dtype=np.int8)})
+        wait_for(lambda: bridge.error)
+        wait_for(lambda: not bridge.error)
+        bridge.publish("/map", {"data": np.zeros(10_000, dtype=np.int8)})
+        bridge.publish("/plan", {"poses": []})
+        wait_for(lambda: server.data[-1].get("topic") == "/plan")
+        assert len(server.sockets) == 2
+    assert "bytes are too large for the server" in caplog.text
+
+
+def test_large_maps_are_shown_at_a_lower_resolution():
+    data = np.full((2001, 3000), -1, dtype=np.int8)
+    data[:1000, :1000], data[500, 700], data[2000, 2999] = 0, 100, 100
+    shown = viewer.limited(OccupancyGrid(data, 0.05, (-7.0, 3.0)))
+    assert shown.data.size <= viewer.MAX_CELLS
+    assert shown.origin == (-7.0, 3.0)
+    assert shown.resolution == pytest.approx(0.15)
+    assert shown.data[500 // 3, 700 // 3] == shown.data[666 + 0, 999] == 100
+    assert shown.data[10, 10] == 0
+    assert shown.data[-1, 10] == -1
+    small = OccupancyGrid(data[:10, :10], 0.05, (0.0, 0.0))
+    copied = viewer.limited(small)
+    assert not np.shares_memory(copied.data, small.data)
+    np.testing.assert_array_equal(copied.data, small.data)
+
+
+class Drive:
+    """A session on a simulated robot, without a server."""
+
+    def __init__(self, **options):
+        self.robot, self.topics = SimulatedRobot("turtlebot3_world", rate=10.0, start="spawn"), Topics()
+        self.session = drive.Session(
+            drive.Options(**{"policy": "pursuit", "use_sim_time": True, **options}), self.topics
+        )
+        self.topics.publish("/tf_static", messages.static_transforms(self.robot.robot.lidar.mount))
+
+    def publish(self):
+        robot = self.robot
+        scan = messages.laser_scan(robot.time, robot.reading.ranges, robot.robot.lidar, 0.1)
+        self.topics.publish("/clock", messages.clock(robot.time))
+        self.topics.publish("/odom", messages.odometry(robot.time, robot.odometry, robot.twist))
+        self.topics.publish("/scan", scan)
+
+    def step(self, steps=1):
+        for _ in range(steps):
+            self.publish()
+            self.robot.step(self.session.step())
+
+    def run(self, seconds, **how):
+        """Run the session's loop, and the robot at full speed beside it."""
+        is_over, ends = threading.Event(), self.robot.time + seconds
+
+        def simulate():
+            while not is_over.is_set() and self.robot.time < ends:
+                self.publish()
+                self.robot.step(drive.STOP)
+                time.sleep(0.002)
+            is_over.set()
+
+        thread = threading.Thread(target=simulate)
+        thread.start()
+        try:
+            return self.session.run(is_over, **how)
+        finally:
+            is_over.set()
+            thread.join()
+
+
+def test_a_disk_that_fails_ends_the_recording_and_not_the_drive(tmp_path, caplog, monkeypatch):
+    run = Drive(record=tmp_path / "drive.mcap", save_map=tmp_path / "map.yaml")
+    run.step(5)
+    monkeypatch.setattr(
+        run.session._recorder._recorder._writer, "write", lambda *_: (_ for _ in ()).throw(OSError("disk full"))
+    )
+    run.step(10)
+    assert run.session.reason == ""
+    assert caplog.text.count("the recording has ended early: disk full") == 1
+    with pytest.raises(RuntimeError, match="recording: RuntimeError: has ended early: disk full"):
+        run.session.close()
+    assert (tmp_path / "map.yaml").exists()
+
+
+def test_closing_goes_on_after_a_step_that_fails(tmp_path, monkeypatch):
+    run = Drive(record=tmp_path / "drive.mcap", save_map=tmp_path / "map.yaml")
+    run.step(5)
+    monkeypatch.setattr(drive, "save_map", lambda *_: (_ for _ in ()).throw(OSError("no space")))
+    with pytest.raises(RuntimeError, match="map: OSError: no space"):
+        run.session.close()
+    assert (tmp_path / "drive.mcap").exists()
+    assert run.topics.last["/cmd_vel"]["linear"]["x"] == 0.0
+
+
+def test_a_policy_that_fails_ends_the_drive_with_a_stop_and_the_map(tmp_path, monkeypatch):
+    run = Drive(save_map=tmp_path / "map.yaml")
+    run.step(5)
+    monkeypatch.setattr(run.session.driver, "_decide", lambda _: 1 / 0)
+    with pytest.raises(ZeroDivisionError), contextlib.closing(run.session):
+        run.run(5.0)
+    assert run.topics.last["/cmd_vel"]["linear"]["x"] == run.topics.last["/cmd_vel"]["angular"]["z"] == 0.0
+    assert (tmp_path / "map.yaml").exists()
+
+
+def test_a_policy_that_hangs_is_interrupted(monkeypatch):
+    run = Drive()
+    run.step(5)
+    monkeypatch.setattr(run.session.driver, "_decide", lambda _: time.sleep(60.0))
+    with pytest.raises(TimeoutError, match=r"a decision takes over 0\.3 s"):
+        run.run(60.0, watch=lambda: time_limited(0.3))
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+def test_a_program_that_has_stood_still_waits_for_new_messages(monkeypatch):
+    run, now = Drive(), [100.0]
+    monkeypatch.setattr(drive, "local_time", lambda: now[0])
+    reasons = []
+    for pause in (0.1, 0.1, 0.1, 10.0, 0.1, 0.5, 0.5, 0.1):
+        now[0] += pause
+        run.step()
+        reasons.append(bool(run.session.reason))
+    assert reasons == [False, False, False, True, True, True, False, False]
+
+
+def test_a_drive_ends_by_itself(caplog):
+    caplog.set_level("INFO")
+    run = Drive(policy="mppi", goal=(0.0, 0.0))
+    assert run.run(30.0)
+    assert "done: reached" in caplog.text
+    run = Drive(time_limit=1.0)
+    assert run.run(30.0) is False
+    assert "not done within 1 s" in caplog.text
+    assert run.robot.time < 20.0
+    run = Drive()
+    run.step(5)
+    run.session.driver._policy.end_reason = "nothing_left"
+    assert run.run(60.0)
+    assert "done: nothing_left" in caplog.text
+    assert run.robot.time < 40.0
+
+
+def test_the_state_is_said_every_ten_seconds(caplog):
+    caplog.set_level("INFO")
+    run = Drive(policy="mppi", goal=(2.0, 0.5))
+    run.session.driver.imu(np.nan, 1.0)
+    run.step(150)
+    lines = [record.getMessage() for record in caplog.records if "m2" in record.getMessage()]
+    assert len(lines) == 2
+    assert "m to the goal 2 0.5" in lines[1]
+    assert "1 dropped: imu that is not finite" in lines[1]
+
+
+def test_a_driver_is_imported_on_first_use():
+    from lidarnaut import driver
+
+    assert driver.Driver is Driver
+    with pytest.raises(AttributeError, match="Drivers"):
+        driver.Drivers  # noqa: B018
