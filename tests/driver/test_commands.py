@@ -19,49 +19,15 @@ from lidarnaut.envs.logs import messages
 
 pytest.importorskip("websockets")
 
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.server import serve
-
 from lidarnaut.driver import drive, viewer
 from lidarnaut.driver.commands import BridgeCommands, CommandProcess, CommandTopic, local_time
 from lidarnaut.driver.program import time_limited
 from lidarnaut.driver.rosbridge import Rosbridge
 
+from .recorder import Recorder
 from .test_rosbridge import Topics, wait_for
 
 STOP = (0.0, 0.0)
-
-
-class Recorder:
-    """Server that notes what it receives, and answers with given texts."""
-
-    def __init__(self, answer=lambda data: None, max_size=2**26):
-        self.data, self.sockets, self._answer = [], [], answer
-        self._server = serve(self._handle, "127.0.0.1", 0, compression=None, max_size=max_size)
-        self.url = f"ws://127.0.0.1:{self._server.socket.getsockname()[1]}"
-        threading.Thread(target=self._server.serve_forever, daemon=True).start()
-
-    def _handle(self, socket):
-        self.sockets.append(socket)
-        with contextlib.suppress(ConnectionClosed):
-            for text in socket:
-                self.data.append(data := json.loads(text))
-                if (told := self._answer(data)) is not None:
-                    socket.send(json.dumps(told))
-
-    @property
-    def commands(self):
-        twists = [each["msg"] for each in self.data if each["op"] == "publish" and each["topic"] == "/cmd_vel"]
-        twists = [each.get("twist", each) for each in twists]
-        return [(each["linear"]["x"], each["angular"]["z"]) for each in twists]
-
-    def advertised(self, topic):
-        return [each["type"] for each in self.data if each["op"] == "advertise" and each["topic"] == topic]
-
-    def close(self):
-        self._server.shutdown()
-        for socket in self.sockets:
-            socket.close()
 
 
 @pytest.fixture
