@@ -48,7 +48,7 @@ class CommandTopic:
 class BridgeCommands:
     """Commands through a given connection."""
 
-    error = ""
+    error, has_ended = "", False
 
     def __init__(self, bridge: Any, target: CommandTopic) -> None:
         """Advertise the topic."""
@@ -196,4 +196,5 @@ if __name__ == "__main__":
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     os.set_blocking(1, False)
+    logging.disable()  # a terminal that stands still must not hold up commands: texts go to the driver
     _Sender(CommandTopic(**json.loads(sys.argv[1]))).run()

@@ -341,6 +341,8 @@ class Session:
         """
         due, stepped = -math.inf, 0.0
         while not is_over.is_set():
+            if self._commands is not None and self._commands.has_ended:
+                raise RuntimeError(self._commands.error)
             driver = self.driver
             period = 1.0 / self.options.control_hz if driver is None else driver.env.control_period
             now, is_frozen = self.time, time.monotonic() - stepped > 0.5 * self.options.timeout
@@ -422,9 +424,9 @@ def main(options: Options) -> None:
         lidarnaut.agents.run_folder.CheckpointError: the policy cannot be loaded.
     """
     o, is_done = options, True
-    with contextlib.ExitStack() as held:
+    with contextlib.suppress(KeyboardInterrupt), contextlib.ExitStack() as held:
         viewer = held.enter_context(contextlib.closing(Rosbridge(o.url, o.namespace)))
-        commands = None if o.dry_run else CommandProcess(command_topic(o))
+        commands = None if o.dry_run else held.enter_context(contextlib.closing(CommandProcess(command_topic(o))))
         expected = [o.scan_topic, o.odom_topic, *([] if o.imu_topic is None else [o.imu_topic])]
 
         def is_ready() -> bool:
@@ -435,8 +437,7 @@ def main(options: Options) -> None:
         )
         session = held.enter_context(contextlib.closing(Session(o, bridge, commands, viewer)))
         held.callback(ignore_signals)
-        with contextlib.suppress(KeyboardInterrupt):
-            is_done = session.run(threading.Event(), functools.partial(time_limited, MAX_STEP))
+        is_done = session.run(threading.Event(), functools.partial(time_limited, MAX_STEP))
     if not is_done:
         sys.exit(3)
 

@@ -166,7 +166,8 @@ def hour(folder, minutes=6.0):
             if cuts and time.monotonic() > cuts[0]:
                 cuts.pop(0)
                 for socket in robot.server.sockets:
-                    socket.socket.shutdown(2)
+                    with contextlib.suppress(OSError):  # closed already
+                        socket.socket.shutdown(2)
             time.sleep(1.0)
         simulated = robot.robot.time
         program.send_signal(signal.SIGTERM) if program.poll() is None else None

@@ -15,7 +15,9 @@ class Recorder:
     """Server that notes what it receives, and answers with given texts."""
 
     def __init__(self, answer=lambda data: None, max_size=2**26):
-        self.data, self.times, self.sockets, self._answer = [], [], [], answer
+        self.data, self.sockets, self._answer = [], [], answer
+        self.timed_commands = []
+        """Time of arrival [s], v and w of each command."""
         self._subscribers = {}
         self._server = serve(self._handle, "127.0.0.1", 0, compression=None, max_size=max_size)
         self.url = f"ws://127.0.0.1:{self._server.socket.getsockname()[1]}"
@@ -26,7 +28,9 @@ class Recorder:
         with contextlib.suppress(ConnectionClosed):
             for text in socket:
                 self.data.append(data := json.loads(text))
-                self.times.append(time.monotonic())
+                if data["op"] == "publish" and data["topic"] == "/cmd_vel":
+                    twist = data["msg"].get("twist", data["msg"])
+                    self.timed_commands.append((time.monotonic(), twist["linear"]["x"], twist["angular"]["z"]))
                 if data["op"] == "subscribe":
                     self._subscribers.setdefault(data["topic"], []).append(socket)
                 if (told := self._answer(data)) is not None:
@@ -40,16 +44,6 @@ class Recorder:
                 socket.send(text)
             except (ConnectionClosed, OSError):
                 self._subscribers[topic].remove(socket)
-
-    @property
-    def timed_commands(self):
-        """Time of arrival [s], v and w of each command."""
-        found = []
-        for at, each in zip(self.times, self.data):
-            if each["op"] == "publish" and each["topic"] == "/cmd_vel":
-                twist = each["msg"].get("twist", each["msg"])
-                found.append((at, twist["linear"]["x"], twist["angular"]["z"]))
-        return found
 
     @property
     def commands(self):
