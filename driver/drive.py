@@ -147,7 +147,6 @@ class Session:
         self._scan_stamp, self._ignores_times = -math.inf, False
         self._permitted = -math.inf
         self._sim_time, self._progress = math.nan, Progress(options.goal)
-        self._stepped = self._awake = -math.inf
         self.reason = "no scan yet"
         """Why the last command was a stop; empty while driving."""
         self._viewer = Viewer(viewer or bridge, options.map_frame, options.odom_frame)
@@ -306,13 +305,10 @@ class Session:
     def step(self) -> Twist:
         """Send the next command, and estimates for RViz; return the command."""
         now, began, o = self.time, local_time(), self.options
-        if began - self._stepped > o.timeout and self._stepped > 0.0:
-            self._awake = began
-        self._stepped = began
         with self._lock:
             if (driver := self.driver) is None or math.isnan(now):
                 return STOP
-            command = driver.command(now, self._why_held(began))
+            command = driver.command(now, self._why_held())
             self.reason = driver.reason
             if o.dry_run:
                 LOGGER.info("%.2f s: %.3f m/s, %.3f rad/s", now, *command)
@@ -323,14 +319,12 @@ class Session:
                 self._viewer.show(driver, now)
         return command
 
-    def _why_held(self, began: float) -> str:
+    def _why_held(self) -> str:
         errors = [self._bridge.error, *([] if self._commands is None else [self._commands.error])]
         if error := next(filter(None, errors), ""):
             return f"no connection: {error}"
         if self.options.dead_man is not None and time.monotonic() - self._permitted > DEAD_MAN_TIME:
             return f"{self.options.dead_man} is not true"
-        if began - self._awake < self.options.timeout:
-            return "the program has stood still, and waits for new messages"
         return ""
 
     def run(self, is_over: threading.Event, watch: Callable[[], Any] = contextlib.nullcontext) -> bool:

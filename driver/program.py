@@ -21,19 +21,24 @@ class Clock:
     """Time of the robot's messages, between messages and without synchronized computers.
 
     The offset between stamps and the local clock is the largest one of the last `WINDOW` seconds, which belongs to the
-    fastest message; a delay that all messages share cannot be seen.
+    fastest message; a delay that all messages share cannot be seen. Pauses without a message do not count, so that
+    messages that have waited while this program stood still are known to be old.
     """
 
-    WINDOW = 10.0
+    WINDOW, PAUSE = 10.0, 0.5
 
     def __init__(self) -> None:
         self._offsets: list[tuple[float, float]] = []
+        self._noted = self._paused = 0.0
 
     def note(self, stamp: float) -> None:
         """Note the stamp of a message that has just arrived [s]."""
         now = time.monotonic()
-        kept = [each for each in self._offsets if now - each[0] < self.WINDOW and each[1] > stamp - now]
-        self._offsets = [*kept, (now, stamp - now)]
+        if self._offsets and now - self._noted > self.PAUSE:
+            self._paused += now - self._noted
+        self._noted, active, offset = now, now - self._paused, stamp - now
+        kept = [each for each in self._offsets if active - each[0] < self.WINDOW and each[1] > offset]
+        self._offsets = [*kept, (active, offset)]
 
     @property
     def time(self) -> float:

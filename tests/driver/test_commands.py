@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import os
 import signal
 import subprocess
@@ -19,7 +20,7 @@ from lidarnaut.envs.logs import messages
 
 pytest.importorskip("websockets")
 
-from lidarnaut.driver import drive, viewer
+from lidarnaut.driver import drive, program, viewer
 from lidarnaut.driver.commands import BridgeCommands, CommandProcess, CommandTopic, local_time
 from lidarnaut.driver.program import time_limited
 from lidarnaut.driver.rosbridge import Rosbridge
@@ -297,15 +298,21 @@ def test_a_policy_that_hangs_is_interrupted(monkeypatch):
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
-def test_a_program_that_has_stood_still_waits_for_new_messages(monkeypatch):
-    run, now = Drive(), [100.0]
-    monkeypatch.setattr(drive, "local_time", lambda: now[0])
-    reasons = []
-    for pause in (0.1, 0.1, 0.1, 10.0, 0.1, 0.5, 0.5, 0.1):
-        now[0] += pause
-        run.step()
-        reasons.append(bool(run.session.reason))
-    assert reasons == [False, False, False, True, True, True, False, False]
+def test_messages_that_waited_while_the_program_stood_still_are_old(monkeypatch):
+    clock, now = program.Clock(), [50.0]
+    monkeypatch.setattr(program.time, "monotonic", lambda: now[0])
+    assert math.isnan(clock.time)
+    for _ in range(100):
+        now[0] += 0.1
+        clock.note(now[0] + 1000.0 - 0.02)
+    now[0] += 30.0
+    for k in range(290):  # those of the pause, at once
+        clock.note(now[0] + 970.0 + 0.1 * k)
+    assert clock.time == pytest.approx(now[0] + 999.98)
+    for _ in range(120):  # the network has become slower
+        now[0] += 0.1
+        clock.note(now[0] + 1000.0 - 0.3)
+    assert clock.time == pytest.approx(now[0] + 999.7)
 
 
 def test_a_drive_ends_by_itself(caplog):
