@@ -136,22 +136,19 @@ def _save(figure: Any, path: Path) -> None:
     write_file(path, picture.getvalue())
 
 
-def draw_study(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:
-    """Plot one measure of several trainings over steps, with confidence bands.
+def draw_seeds(points: np.ndarray, measure: str, title: str, path: Path) -> None:
+    """Plot the mean of a measure over several trainings against steps, with its confidence band.
 
-    `curves`: arrays by label, shape (n, 4): steps, mean, lower and upper 95 % bound.
+    `points`: array of shape (n, 4): steps, mean, lower and upper 95 % bound.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 4.8), dpi=120, layout="constrained")
-    axes = figure.subplots()
-    for number, (label, points) in enumerate(curves.items()):
-        where, mean, low, high = points.T
-        axes.plot(where, mean, color=f"C{number}", marker=".", label=_plain(label))
-        axes.fill_between(where, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
+    axes, (steps, mean, low, high) = figure.subplots(), points.T
+    axes.plot(steps, mean, marker=".")
+    axes.fill_between(steps, low, high, alpha=0.15, linewidth=0)
     axes.set(xlabel="steps", ylabel=_plain(measure.replace("_", " ")), title=_plain(title))
     axes.grid(alpha=0.3)
-    axes.legend()
     _save(figure, path)
 
 

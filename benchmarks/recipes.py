@@ -14,8 +14,9 @@ from lidarnaut.agents.config import RECIPES
 from lidarnaut.agents.curves import TEST, Row, read_evaluations, scores_of
 from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.run_folder import find_checkpoint
+from lidarnaut.agents.seeds import Member, read_members
 from lidarnaut.agents.statistics import score
-from lidarnaut.agents.study import Member, expand, is_finished, run_study
+from lidarnaut.agents.training import train as train_policy
 from lidarnaut.benchmarks.algorithms import read_task, task_section
 from lidarnaut.benchmarks.arena.page import Cell, Markdown, Section, Table, write_markdown
 from lidarnaut.envs.command_line import Count, run_command
@@ -78,9 +79,9 @@ def main(
         data["seeds"] = list(range(seeds))
         data |= {"evaluation": {"test_episodes": test_episodes}} if test_episodes else {}
         if train and name in (ids or RECIPES):
-            run_study(data, name, resume=out / name, jobs=jobs)
-        members = expand(data, name, out / name)
-        tables[name] = rows = [row for member in members if is_finished(member) for row in _results(member)]
+            train_policy(data, run=out / name, jobs=jobs)
+        members = read_members(out / name)
+        tables[name] = rows = [row for member in members for row in _results(member)]
         sections.append(_section(name, members, rows) if rows or name not in kept else Section(name, (kept[name],)))
     write_markdown("Recipes", TEXT, sections, page, docs / "recipes")
     for name, rows in tables.items():

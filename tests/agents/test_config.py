@@ -8,19 +8,19 @@ from lidarnaut import train_command as train
 from lidarnaut.agents import training
 from lidarnaut.agents.algorithms import find_algorithm, prepare
 from lidarnaut.agents.config import TrainingConfig, parse_config
-from lidarnaut.agents.study import expand
+from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.agents.vec_env import make_vec_env
 from lidarnaut.envs.files import dump_record, read_mapping, read_record
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 
 
-@pytest.mark.parametrize("path", [path for path in CONFIGS if path.stem != "arena"], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [path for path in CONFIGS if "experiment" in read_mapping(path)], ids=str)
 def test_configurations_of_the_project_are_valid_and_survive_being_written(path, tmp_path):
-    for member in expand(read_mapping(path), str(path), tmp_path):
-        assert member.config.experiment == path.stem
-        (tmp_path / "again.yaml").write_text(dump_record(member.config))
-        assert read_record(tmp_path / "again.yaml", type(member.config)) == member.config
+    config = parse_config(with_recipe(read_mapping(path))[0], str(path))
+    assert config.experiment == path.stem
+    (tmp_path / "again.yaml").write_text(dump_record(config))
+    assert read_record(tmp_path / "again.yaml", type(config)) == config
 
 
 def test_numbers_in_scientific_notation_are_numbers(tmp_path):
