@@ -1,12 +1,10 @@
 """Sweeps: trainings of one configuration with several random seeds (key `seeds`)."""
 
 import contextlib
-import multiprocessing
 import platform
 import time
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,19 +75,20 @@ def train_seeds(
         check_changes(found[0], "sweep", begun)
     if (folder / SWEEP).exists():
         check_changes(yaml.safe_load(record), "sweep", folder, read_mapping(folder / SWEEP))
-    held: Any = _processes(jobs) if jobs > 1 else contextlib.nullcontext()
-    if ray is not None:
-        held = make_pool(None, ray, members[0].config.model_dump())
+    unfinished = [member for member in members if not is_finished(member)]
     failures, again = dict[Path, str](), resuming(folder, data)
+    is_alone = jobs == 1 and ray is None
+    held: Any = contextlib.nullcontext() if is_alone else make_pool(jobs, ray, members[0].config.model_dump())
     try:
-        with held as pool, Progress(total=len(members), unit="training", disable=not progress) as bar:
+        with held as pool, Progress(total=len(unfinished), unit="training", disable=not progress) as bar:
             own_folder(folder)
             write_file(folder / SWEEP, record)
-            outcomes = (try_member(member, progress=progress) for member in members)
+            outcomes = (_train(member, progress=progress) for member in unfinished)
             if pool is not None:
-                futures = [pool.submit(try_member if ray else _try_apart, member) for member in members]
+                with interrupts_held():
+                    futures = [pool.submit(_train, member) for member in unfinished]
                 outcomes = (_explain(error) if (error := one.exception()) else one.result() for one in futures)
-            for member, failure in zip(members, outcomes, strict=True):
+            for member, failure in zip(unfinished, outcomes, strict=True):
                 failures |= {member.run: failure} if failure else {}
                 bar.update()
     except KeyboardInterrupt:
@@ -137,48 +136,13 @@ def is_finished(member: Member) -> bool:
     return bool(list_checkpoints(run)) and count_done(run) >= config.total_steps and is_measured(run)
 
 
-def try_member(member: Member, *, progress: bool = False) -> str:
-    """Train a run; return an empty text, or the error message in one line."""
-    kept = member.run.with_name(f"{member.run.name}.traceback.txt")
-    if not (member.run.parent / SWEEP).exists():
-        return f"{platform.node()} cannot access {member.run.parent}, which all machines must share"
-    kept.unlink(missing_ok=True)
-    try:
-        train_member(member, progress=progress)
-    except (Exception, SystemExit) as error:
-        write_file(kept, traceback.format_exc())
-        return f"{_explain(error)} (traceback: {kept})"
-    return ""
-
-
-@contextlib.contextmanager
-def _processes(jobs: int) -> Iterator[Executor]:
-    with ThreadPoolExecutor(jobs) as pool:
-        try:
-            yield pool
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in multiprocessing.active_children():
-                process.terminate()
-            raise
-
-
-def _try_apart(member: Member) -> str:
-    if is_finished(member):
-        return ""
-    with make_pool(1, None) as pool, interrupts_held():
-        return pool.submit(try_member, member).result()
-
-
-def _explain(error: BaseException) -> str:
-    return printable(" ".join(f"{type(error).__name__}: {error}".split())[:1000])
-
-
-def train_member(member: Member, *, progress: bool = False) -> None:
-    """Train or resume an unfinished run, and record its processor time."""
+def _train(member: Member, *, progress: bool = False) -> str:
+    """Train or resume a run, and record its processor time; return an empty text, or the error message in one line."""
     config, run, begun = member.config, member.run, time.process_time()
-    if is_finished(member):
-        return
+    kept = run.with_name(f"{run.name}.traceback.txt")
+    if not (run.parent / SWEEP).exists():
+        return f"{platform.node()} cannot access {run.parent}, which all machines must share"
+    kept.unlink(missing_ok=True)
     try:
         if isinstance(config, EvolutionConfig):
             from lidarnaut.agents.frontiers.evolution import evolve
@@ -188,9 +152,17 @@ def train_member(member: Member, *, progress: bool = False) -> None:
             from lidarnaut.agents.learning import run_training
 
             run_training(config, run=run, resume=run if list_checkpoints(run) else None, progress=progress)
+    except (Exception, SystemExit) as error:
+        write_file(kept, traceback.format_exc())
+        return f"{_explain(error)} (traceback: {kept})"
     finally:
         if run.is_dir():
             write_file(run / TIME, f"{processor_time(run) + time.process_time() - begun:.1f}\n")
+    return ""
+
+
+def _explain(error: BaseException) -> str:
+    return printable(" ".join(f"{type(error).__name__}: {error}".split())[:1000])
 
 
 def processor_time(run: Path) -> float:

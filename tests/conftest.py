@@ -1,4 +1,3 @@
-import contextlib
 import os
 import signal
 from collections import defaultdict
@@ -55,8 +54,7 @@ def no_curves(monkeypatch):
 
 @pytest.fixture
 def no_workers(monkeypatch):
-    """Measure reference policies of trainings and run evolutions in this process: workers take seconds to start."""
-    monkeypatch.setattr("lidarnaut.agents.references.make_pool", lambda *_: contextlib.nullcontext())
+    """Run evolutions in this process: workers take seconds to start."""
     monkeypatch.setattr("lidarnaut.agents.frontiers.evolution.make_pool", lambda *_: ThreadPoolExecutor(1))
 
 
