@@ -48,7 +48,7 @@ def pytest_terminal_summary(terminalreporter):
 def no_curves(monkeypatch):
     """Replace plots of learning curves, which are slow, by a header."""
     monkeypatch.setattr(
-        "lidarnaut.agents.run_folder.draw_learning_curve", lambda curves, title, path, *_: path.write_bytes(b"\x89PNG")
+        "lidarnaut.agents.run_folder.draw_learning_curve", lambda rows, title, path, *_: path.write_bytes(b"\x89PNG")
     )
 
 

@@ -44,5 +44,5 @@ def test_names_of_others_are_drawn_as_they_are(tmp_path):
     rows = [ROW, ROW | {"policy": "$\\frac{$"}, ROW | {"policy": "\x1b[2J"}]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        draw_learning_curve({"$\\x$": rows}, "$\\frac{$", tmp_path / "a.png")
+        draw_learning_curve(rows, "$\\frac{$", tmp_path / "a.png")
         draw_seeds(np.zeros((1, 4)), "$\\x$", "$\\x$", tmp_path / "b.png")

@@ -265,7 +265,7 @@ def test_policies_learn(tiny_data, tmp_path):
 
 @pytest.mark.parametrize(("name", "message"), [("guess", "frontier rule guess: .*'gain'"), ("Unread", "'speed'")])
 def test_a_wrong_reference_is_named_before_the_first_evaluation(name, message, tiny_data, tmp_path, monkeypatch):
-    monkeypatch.setattr(Evaluator, "reference", lambda *_: pytest.fail("an evaluation has begun"))
+    monkeypatch.setattr(Evaluator, "references", lambda *_: pytest.fail("an evaluation has begun"))
     environment = {"world": "pimouse_arena", "control_hz": 5, "time_limit": 2}
     references = {"episodes": 1, "references": ["nearest", f"tests.own_code:{name}"]}
     config = changed(tiny_data, environment=environment, evaluation=references)
