@@ -5,16 +5,13 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
-from unittest.mock import DEFAULT, Mock
 
 import numpy as np
 import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from lidarnaut.agents import algorithms, learning
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import curve_of, read_evaluations
@@ -221,18 +218,6 @@ def test_weights_and_outputs_that_overflow_are_not_finite_without_an_error_of_to
         for number in (1e38, np.nan):
             weight[:] = number
             assert not is_finite(model)
-
-
-def test_an_algorithm_is_looked_up_and_inspected_once_per_training(tiny_data, tmp_path, monkeypatch):
-    calls, names = Counter(), ("find_algorithm", "_parameters", "_read_network", "prepare")
-    for name in names:
-        counted = Mock(
-            wraps=getattr(algorithms, name), side_effect=lambda *_, name=name: calls.update([name]) or DEFAULT
-        )
-        for module in (algorithms, learning):
-            monkeypatch.setattr(module, name, counted, raising=False)
-    train(changed(tiny_data, total_steps=128), run=tmp_path / "run", progress=False)
-    assert calls == dict.fromkeys(names, 1)
 
 
 def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it(tiny_data, tmp_path):
