@@ -5,9 +5,8 @@ import platform
 import time
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -39,8 +38,7 @@ TABLE, PICTURE = "sweep.csv", "sweep.png"
 TIME = "processor_time"
 
 
-@dataclass(frozen=True, slots=True)
-class Member:
+class Member(NamedTuple):
     """Training of a sweep."""
 
     config: TrainingConfig | EvolutionConfig
@@ -178,17 +176,14 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
         table.append({"seed": member.config.seed, TIME: processor_time(member.run), **last})
         curves.append(curve_of(rows))
     write_table(folder / TABLE, table)
-    headline, points = headline_of_rows(curves[0]), np.array(list(map(_point, zip(*curves))))
+    headline, points = headline_of_rows(curves[0]), list[tuple[float, ...]]()
+    for same in zip(*curves):
+        scores = np.array([scores_of(row) for row in same])
+        points.append((float(same[0]["steps"]), *score(scores, is_widened=True)[:3]))
     with naming(folder / PICTURE):
-        draw_seeds(points, headline, folder.name, folder / PICTURE)
+        draw_seeds(np.array(points), headline, folder.name, folder / PICTURE)
     if shows:
         steps, mean, low, high = points[-1]
         shown = Table("seeds", "steps", f"{headline} at the end", "95 % interval")
         shown.add_row(str(len(curves)), f"{steps:,.0f}", f"{mean:.4g}", f"[{low:.4g}, {high:.4g}]")
         make_console().print(shown)
-
-
-def _point(rows: Sequence[Row]) -> tuple[float, ...]:
-    """Return steps, mean, and 95 % interval over seeds and episodes of one evaluation of several runs."""
-    scores = np.array([scores_of(row) for row in rows])
-    return (float(rows[0]["steps"]), *score(scores, is_widened=True)[:3])

@@ -239,15 +239,6 @@ def test_a_run_to_resume_has_its_own_folder(tiny_run, tiny_config, tmp_path):
         train(tiny_config, run=tmp_path / "run", resume=tiny_run, progress=False)
 
 
-def test_policies_learn(tiny_data, tmp_path):
-    """The fake world is explored by driving straight ahead."""
-    faster = {"n_steps": 64, "batch_size": 128, "n_epochs": 4, "learning_rate": "lin_2e-3"}
-    seldom = {"evaluation": {"every": 100_000, "episodes": 5, "references": []}, "checkpoints": {"every": 100_000}}
-    config = changed(tiny_data, total_steps=4096, num_envs=8, hyperparameters=faster, **seldom)
-    rows = newest(train(config, run=tmp_path / "run", progress=False)).record.evaluations
-    assert rows[-1]["gained_area"] > 3 * rows[0]["gained_area"] + 10
-
-
 @pytest.mark.parametrize(("name", "message"), [("guess", "frontier rule guess: .*'gain'"), ("Unread", "'speed'")])
 def test_a_wrong_reference_is_named_before_the_first_evaluation(name, message, tiny_data, tmp_path, monkeypatch):
     monkeypatch.setattr(Evaluator, "references", lambda *_: pytest.fail("an evaluation has begun"))
