@@ -11,7 +11,8 @@ Every key of the configuration is an option, with dots between nested names: --e
 --environment.observations scan motion, --environment.reward.time -0.1, --environment.time-limit None.
 --hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of NetworkConfig.
 --trust MODULE ... names modules of your own that a run folder may use.
---ray ADDRESS runs a sweep or an evolution on a Ray cluster; --jobs 2 runs two trainings of a sweep in parallel.
+--seeds 0 1 2 trains a sweep, one run per seed; --jobs 2 trains two at a time.
+--ray ADDRESS runs a sweep or an evolution on a Ray cluster.
 """
 
 import argparse

@@ -133,10 +133,6 @@ class EvaluationConfig(Section):
     `collision_monitor` also apply when the trained policy is used."""
 
     @property
-    def num_tests(self) -> int:
-        return self.test_episodes or self.episodes
-
-    @property
     def arguments(self) -> dict[str, Any]:
         """Environment arguments that differ from training; lists are converted to tuples."""
         return {name: _tuples(value) for name, value in self.environment.items()}

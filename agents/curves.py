@@ -1,20 +1,17 @@
-"""Plots of learning curves."""
+"""Tables of evaluations, and plots of learning curves."""
 
 import csv
 import io
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tyro
 
-from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.statistics import score, success_rate
 from lidarnaut.baselines.policy import GROUND_TRUTH
-from lidarnaut.envs.command_line import run_command
-from lidarnaut.envs.files import MAX_JSON_BYTES, printable, read_bytes, read_record, write_file
+from lidarnaut.envs.files import MAX_JSON_BYTES, printable, read_bytes, write_file
 
 Row = dict[str, int | float | str]
 """Row of the evaluation table `evaluations.csv`: value by column name."""
@@ -83,35 +80,30 @@ def headline_of_rows(rows: Sequence[Row]) -> str:
     return next((name.removesuffix("_q25") for name in rows[0] if name.endswith("_q25")), "*_q25")
 
 
-def draw_learning_curve(
-    runs: Mapping[str, Sequence[Row]], title: str, path: Path, axis: str = "environment steps"
-) -> None:
+def draw_learning_curve(rows: Sequence[Row], title: str, path: Path, axis: str = "environment steps") -> None:
     """Plot success rate or task progress, and the headline (main) measure, over training steps.
 
     Curves are means over the episodes of an evaluation, with 95 % intervals except for progress. A star is the result
-    of the best checkpoint in the test episodes, horizontal lines are reference policies. `runs`: rows of
-    `evaluations.csv` by run label. `axis`: label of the x-axis.
+    of the best checkpoint in the test episodes, horizontal lines are reference policies. `rows`: evaluations of a run.
+    `axis`: label of the x-axis.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import EngFormatter, MaxNLocator
 
     figure = Figure(figsize=(10, 4.4), dpi=120, layout="constrained")
     figure.suptitle(_plain(title))
-    first = next(iter(runs.values()))
-    headline, share = headline_of_rows(first), "success" if "spl" in first[0] else "progress"
+    headline, share = headline_of_rows(rows), "success" if "spl" in rows[0] else "progress"
+    learned, result, name = curve_of(rows), result_of(rows), _plain(rows[-1]["policy"])
+    steps = [int(row["steps"]) for row in learned]
     for axes, measure in zip(figure.subplots(1, 2), (share, headline), strict=True):
-        for number, (name, run) in enumerate(runs.items()):
-            learned, result = curve_of(run), result_of(run)
-            steps = [int(row["steps"]) for row in learned]
-            means = np.array([float(row[measure]) for row in learned])
-            axes.plot(steps, means, color=f"C{number}", marker=".", label=_plain(name))
-            if measure != "progress":
-                low, high = np.array([interval_of(row, measure) for row in learned]).T
-                axes.fill_between(steps, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
-            if result is not None and result.get("split") == TEST:
-                label = f"{_plain(name)}, best checkpoint in test episodes"
-                axes.plot(int(result["steps"]), float(result[measure]), f"C{number}*", markersize=13, label=label)
-        references = [row for row in first if row["policy"] not in LEARNED_NAMES]
+        axes.plot(steps, [float(row[measure]) for row in learned], color="C0", marker=".", label=name)
+        if measure != "progress":
+            low, high = np.array([interval_of(row, measure) for row in learned]).T
+            axes.fill_between(steps, low, high, color="C0", alpha=0.15, linewidth=0)
+        if result is not None and result.get("split") == TEST:
+            label = f"{name}, best checkpoint in test episodes"
+            axes.plot(int(result["steps"]), float(result[measure]), "C0*", markersize=13, label=label)
+        references = [row for row in rows if row["policy"] not in LEARNED_NAMES]
         for row, style in zip(references, itertools.cycle(("--", ":", "-.", "-"))):
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=_plain(row["policy"]))
         axes.set_xlabel(axis)
@@ -136,39 +128,17 @@ def _save(figure: Any, path: Path) -> None:
     write_file(path, picture.getvalue())
 
 
-def draw_study(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:
-    """Plot one measure of several trainings over steps, with confidence bands.
+def draw_seeds(points: np.ndarray, measure: str, title: str, path: Path) -> None:
+    """Plot the mean of a measure over several trainings against steps, with its confidence band.
 
-    `curves`: arrays by label, shape (n, 4): steps, mean, lower and upper 95 % bound.
+    `points`: array of shape (n, 4): steps, mean, lower and upper 95 % bound.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 4.8), dpi=120, layout="constrained")
-    axes = figure.subplots()
-    for number, (label, points) in enumerate(curves.items()):
-        where, mean, low, high = points.T
-        axes.plot(where, mean, color=f"C{number}", marker=".", label=_plain(label))
-        axes.fill_between(where, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
+    axes, (steps, mean, low, high) = figure.subplots(), points.T
+    axes.plot(steps, mean, marker=".")
+    axes.fill_between(steps, low, high, alpha=0.15, linewidth=0)
     axes.set(xlabel="steps", ylabel=_plain(measure.replace("_", " ")), title=_plain(title))
     axes.grid(alpha=0.3)
-    axes.legend()
     _save(figure, path)
-
-
-def main(runs: tyro.conf.Positional[tuple[Path, ...]], out: Path, title: str = "") -> None:
-    """Plot the learning curves of several runs.
-
-    Args:
-        runs: run folders of one experiment.
-        out: PNG file.
-        title: figure title.
-    """
-    curves = {}
-    for run in runs:
-        own, rows = read_record(run / "config.yaml", TrainingConfig), read_evaluations(run)
-        curves[f"{own.algorithm}, seed {own.seed}{str(rows[-1]['policy']).removeprefix(LEARNED)}"] = rows
-    draw_learning_curve(curves, title, out)
-
-
-if __name__ == "__main__":
-    run_command(main)

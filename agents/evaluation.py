@@ -16,6 +16,7 @@ from lidarnaut.baselines.episode import decide_with, prepare, run_episode
 from lidarnaut.baselines.policy import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.measures import EpisodeHistory, headline_of, measures_of
+from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.worlds.library import Split
 
 
@@ -37,7 +38,8 @@ class Evaluator:
     """Evaluates policies in the same validation or test episodes, and summarises the results."""
 
     def __init__(self, config: TrainingConfig) -> None:
-        self._episodes = {VALIDATION: config.evaluation.episodes, TEST: config.evaluation.num_tests}
+        number = config.evaluation.episodes
+        self._episodes = {VALIDATION: number, TEST: config.evaluation.test_episodes or number}
         self._environment = evaluation_environment(config)
         self._env = make_env(self._environment, TEST)
         inner = lidar_env_of(self._env)
@@ -64,9 +66,21 @@ class Evaluator:
         histories = run_episodes(self._vectors[split], Actor(policy), self._max_speed, FIRST_SEED[split])
         return self.summarise(marked(LEARNED, None, self._env), split, list(map(self.measure, histories)))
 
-    def reference(self, name: str, seed: int) -> dict[str, float]:
-        """Run a test episode of a non-learned policy, given by name; return the measures by name."""
-        return self.measure(run_episode(self._env, self.make_reference(name), seed).history)
+    def references(self, names: Mapping[str, str], *, progress: bool = True) -> list[Row]:
+        """Evaluate non-learned policies in the test episodes; return a row of the evaluation table for each.
+
+        `names`: names in the table, by name of the policy.
+        """
+        seeds, rows = range(self._episodes[TEST]), list[Row]()
+        total = len(names) * len(seeds)
+        with Progress(total=total, desc="references", unit="episode", leave=False, disable=not progress) as bar:
+            for name, label in names.items():
+                values = list[dict[str, float]]()
+                for seed in seeds:
+                    values.append(self.measure(run_episode(self._env, self.make_reference(name), seed).history))
+                    bar.update()
+                rows.append({"steps": 0, **self.summarise(label, TEST, values)})
+        return rows
 
     def make_reference(self, name: str) -> Policy:
         """Return a policy by name; raise ValueError if unknown, see `lidarnaut.make_policy`."""

@@ -17,7 +17,6 @@ from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import curve_of
 from lidarnaut.agents.evaluation import Evaluator
-from lidarnaut.agents.references import measure_references
 from lidarnaut.agents.replay import ReplayFiles
 from lidarnaut.agents.resume import check_changes
 from lidarnaut.agents.run_folder import discard_after, find_checkpoint, is_measured, new_run, prepare_folder
@@ -89,7 +88,7 @@ def run_training(
                 with bar:
                     if steps < total_steps:
                         model.learn(total_steps - steps, keeper, reset_num_timesteps=False)
-                keeper.finish(measure_references(config, evaluator, references, progress=progress))
+                keeper.finish(evaluator.references(references, progress=progress))
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(keeper.save()) from None
             except ValueError:  # of distributions with such parameters, among others

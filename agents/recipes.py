@@ -28,7 +28,7 @@ OFF_POLICY = {"num_envs": 64, "total_steps": 300_000}
 """Upper limits of settings with off-policy algorithms: these make four gradient steps per step of all
 sub-environments, and need fewer environment steps than on-policy algorithms."""
 
-NAMING = ("experiment", "seed", "environment.id")
+NAMING = ("experiment", "seed", "seeds", "environment.id")
 """Keys that do not count as changes of a recipe."""
 
 

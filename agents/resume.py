@@ -11,7 +11,7 @@ from lidarnaut.envs.files import SHORT, read_mapping
 MAY_CHANGE = {
     "total_steps": "training, sweep",
     "generations": "evolution, sweep",
-    **dict.fromkeys(("sweep", "seeds", "exclude"), "sweep"),
+    "seeds": "sweep",
     "validate_every": "evolution",
     "num_workers": "evolution, sweep",
     "environment": "training",

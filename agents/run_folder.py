@@ -147,7 +147,7 @@ def is_measured(run: Path) -> bool:
 def write_evaluations(run: Path, rows: Sequence[Row], title: str, axis: str = "environment steps") -> None:
     """Write the evaluation table `evaluations.csv` and its plot to a run folder."""
     write_table(run / "evaluations.csv", rows)
-    draw_learning_curve({str(rows[-1]["policy"]): rows}, title, run / "learning_curve.png", axis)
+    draw_learning_curve(rows, title, run / "learning_curve.png", axis)
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

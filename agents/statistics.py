@@ -50,20 +50,16 @@ def bootstrap(strata: Strata, statistic: Callable[..., np.ndarray], num_resample
     if not strata or any(len(values) == 0 for values in strata):
         raise ValueError("an estimate needs at least one episode in every world")
     together = np.concatenate(strata).astype(np.float64)
-    draws = _draws(strata, num_resamples)
-    points = together.reshape(len(together), -1)
-    parts = np.array_split(points, max(1, num_resamples * points.size // 2_000_000), axis=1)
-    ends = [np.quantile(statistic(part[draws], axis=1), TAILS, axis=0) for part in parts]
-    low, high = np.concatenate(ends, axis=1).reshape(2, *together.shape[1:])
-    return statistic(together, axis=0), low, high
-
-
-def _draws(strata: Strata, num_resamples: int) -> np.ndarray:
-    rng, first, draws = np.random.default_rng(0), 0, []
+    rng, first, draws = np.random.default_rng(0), 0, list[np.ndarray]()
     for size in map(len, strata):
         draws.append(first + rng.integers(size, size=(num_resamples, size)))
         first += size
-    return np.concatenate(draws, axis=1)
+    indices = np.concatenate(draws, axis=1)
+    points = together.reshape(len(together), -1)
+    parts = np.array_split(points, max(1, num_resamples * points.size // 2_000_000), axis=1)
+    ends = [np.quantile(statistic(part[indices], axis=1), TAILS, axis=0) for part in parts]
+    low, high = np.concatenate(ends, axis=1).reshape(2, *together.shape[1:])
+    return statistic(together, axis=0), low, high
 
 
 def estimate(

@@ -1,4 +1,4 @@
-"""Trainings, evolutions and studies, begun or resumed from Python or from the command line."""
+"""Trainings, evolutions and sweeps over seeds, begun or resumed from Python or from the command line."""
 
 import logging
 from collections.abc import Iterable, Mapping
@@ -16,8 +16,8 @@ from lidarnaut.envs.files import read_mapping
 DEFAULTS = {"experiment": "plain", "total_steps": 300_000}
 """Settings without a configuration, for ids without a recipe."""
 LOGGER = logging.getLogger(__name__)
-RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
-"""Files of run and policy folders. A configuration in such a folder may only name trusted code."""
+RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, SWEEP, "checkpoints")
+"""Files of run, sweep and policy folders. A configuration in such a folder may only name trusted code."""
 
 
 def train(
@@ -58,16 +58,15 @@ def train(
     run, resume = (None if path is None else Path(path) for path in (run, resume))
     if run and resume:
         raise ValueError(f"a run to resume has its own folder, {resume}: leave out run")
-    # Importing torch takes seconds, so report mistakes in the configuration first.
-    if {"sweep", "seeds"} & data.keys():
-        from lidarnaut.agents.study import run_study
-
-        data |= {"recipe": None} if is_complete else {}
-        return run_study(data, source, resume=resume or run, ray=ray, jobs=jobs, progress=progress)
     if not is_complete:
         data, text = with_recipe(data)
         data = data if config is not None else {**DEFAULTS, **data}
         LOGGER.info("%s", text or "no recipe")
+    # Importing torch takes seconds, so report mistakes in the configuration first.
+    if "seeds" in data:
+        from lidarnaut.agents.seeds import train_seeds
+
+        return train_seeds(data, source, run=resume or run, ray=ray, jobs=jobs, progress=progress)
     parsed = parse_config(data, source)
     if isinstance(parsed, EvolutionConfig):
         from lidarnaut.agents.frontiers.evolution import evolve
@@ -94,7 +93,7 @@ def _read(
         return _mapping(config) if is_complete else dict(config or {}), "the configuration", is_complete
     path = find_configuration(str(config), "experiment") if resume is None else find_config(resume)
     data = read_mapping(path)
-    is_record = any((path.parent / name).exists() for name in RECORDS)
-    if resume is not None or path.name == SWEEP or is_record:
+    is_record = resume is not None or any((path.parent / name).exists() for name in RECORDS)
+    if is_record:
         check_names(data, str(path), [*trust, *named_code(changes)])
-    return data, str(path), path.name != SWEEP and (resume is not None or is_record)
+    return data, str(path), is_record

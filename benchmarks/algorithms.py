@@ -1,12 +1,9 @@
-"""Write `docs/results/algorithms.md`, the page that compares learning algorithms, from the results of a training sweep.
-
-python train.py --config algorithms --jobs 2
-python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__20250101-120000
+"""Trainings of several learning algorithms on several tasks, and the page that compares them, `algorithms.md`.
 
 Statistics: Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice" (2021).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle, groupby
 from pathlib import Path
@@ -15,16 +12,17 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure as Picture
 
+from lidarnaut.agents.config import CONFIGURATIONS, merge
 from lidarnaut.agents.curves import LEARNED_NAMES, curve_of, read_evaluations, result_of, scores_of
-from lidarnaut.agents.run_folder import SWEEP
+from lidarnaut.agents.seeds import Member, processor_time, read_members
 from lidarnaut.agents.statistics import Estimate, estimate, score
-from lidarnaut.agents.study import Member, expand, is_finished, processor_time
+from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_env
 from lidarnaut.baselines.policy import GROUND_TRUTH
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, write_markdown
 from lidarnaut.benchmarks.arena.plots import INK, LINES, MUTED, render
 from lidarnaut.benchmarks.arena.trace import slug
-from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.command_line import Count, run_command
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import read_mapping
 from lidarnaut.envs.measures import Measure, headline_of
@@ -37,8 +35,7 @@ with twist actions PPO and RecurrentPPO start from driving ahead at half speed. 
 rule `gain_over_cost` (`PPO_from_rule` in the configuration): compare its score with that rule, not with random.
 
 ```
-python train.py --config algorithms --jobs 2     # or --ray ADDRESS; --resume FOLDER continues
-python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__TIME
+python -m lidarnaut.benchmarks.algorithms --jobs 2     # finished runs are kept
 ```
 
 A score is the mean of the task's headline measure over the test episodes of the best checkpoint, in worlds of the test
@@ -69,7 +66,6 @@ class TaskResults:
     float64."""
     times: Mapping[str, float]
     """Mean processor time of a training run, by algorithm [s]."""
-    missing: int
 
     @property
     def classic(self) -> str:
@@ -81,30 +77,24 @@ class TaskResults:
         return 1.0 if self.measure.higher_is_better else -1.0
 
 
-def read_tasks(file: Path) -> list[TaskResults]:
-    members = expand(read_mapping(file), str(file), file.parent)
-    return [read_task(name, list(some)) for name, some in groupby(members, lambda member: member.group)]
-
-
 def read_task(name: str, members: Sequence[Member]) -> TaskResults:
-    done = {member.run: read_evaluations(member.run) for member in members if is_finished(member)}
+    runs = {member.run: read_evaluations(member.run) for member in members}
     env = make_env(members[0].config.environment, "test")  # type: ignore[union-attr]
     measure = headline_of(lidar_env_of(env).task.measures)
     env.close()
     sign = -1.0 if measure.higher_is_better else 1.0
-    rows = [row for run in done.values() for row in run if row["policy"] not in LEARNED_NAMES]
+    rows = [row for run in runs.values() for row in run if row["policy"] not in LEARNED_NAMES]
     found = {str(row["policy"]): scores_of(row)[None] for row in rows}
     references = dict(sorted(found.items(), key=lambda item: sign * item[1].mean()))
     steps, scores, results, times = dict[str, Any](), dict[str, Any](), dict[str, Any](), dict[str, float]()
-    finished = [member for member in members if member.run in done]
-    for algorithm, some in groupby(finished, lambda member: str(member.config.algorithm)):
-        runs = [member.run for member in some]
-        curves = [curve_of(done[run]) for run in runs]
+    for algorithm, some in groupby(members, lambda member: str(member.config.algorithm)):
+        own = [member.run for member in some]
+        curves = [curve_of(runs[run]) for run in own]
         steps[algorithm] = np.array([row["steps"] for row in curves[0]])
         scores[algorithm] = np.array([[scores_of(row) for row in rows] for rows in zip(*curves, strict=True)])
-        results[algorithm] = np.array([scores_of(result_of(done[run]) or done[run][-1]) for run in runs])
-        times[algorithm] = float(np.mean([processor_time(run) for run in runs]))
-    return TaskResults(name, measure, steps, scores, results, references, times, len(members) - len(done))
+        results[algorithm] = np.array([scores_of(result_of(runs[run]) or runs[run][-1]) for run in own])
+        times[algorithm] = float(np.mean([processor_time(run) for run in own]))
+    return TaskResults(name, measure, steps, scores, results, references, times)
 
 
 def difference(task: TaskResults, algorithm: str, policy: str) -> Estimate:
@@ -112,8 +102,6 @@ def difference(task: TaskResults, algorithm: str, policy: str) -> Estimate:
 
 
 def task_section(task: TaskResults) -> Section:
-    if not task.scores or not {RANDOM, task.classic} <= task.references.keys():
-        return Section(task.name, (f"Not measured yet: {task.missing} training runs are missing.",))
     sentences, lines, measure = list[str](), list[Sequence[Cell]](), task.measure
     for policy, words in ((RANDOM, "random"), (task.classic, f"the best classic policy, {task.classic}")):
         groups: dict[str, list[str]] = {"Above": [], "Not distinguishable from": [], "Below": []}
@@ -121,8 +109,6 @@ def task_section(task: TaskResults) -> Section:
             low, high = sorted(task.sign * end for end in difference(task, name, policy)[1:3])
             groups["Above" if low > 0.0 else "Below" if high < 0.0 else "Not distinguishable from"].append(name)
         sentences += [f"{group} {words}: {', '.join(names)}." for group, names in groups.items() if names]
-    if task.missing:
-        sentences.append(f"{task.missing} training runs are not finished.")
     for name in task.scores:
         others = [difference(task, name, policy) for policy in (RANDOM, task.classic)]
         gaps = [Cell.of(gap, measure, sign="+") for gap in others]
@@ -164,8 +150,6 @@ def overview(tasks: Sequence[TaskResults]) -> Section:
         none, one = (levels.get(name, 0.0) for name in (RANDOM, task.classic))
         for name, scores in task.results.items() if task.sign * (one - none) > 0.0 else ():
             strata.setdefault(name, []).append((scores.mean(axis=1) - none) / (one - none))
-    if not strata:
-        return Section("At a glance", ("No training run is finished yet.",))
     lines = [
         (Cell(name), Cell.of(estimate(some), SHARE), Cell(str(len(some))), Cell(str(sum(map(len, some)))))
         for name, some in strata.items()
@@ -174,14 +158,39 @@ def overview(tasks: Sequence[TaskResults]) -> Section:
     return Section("At a glance", (text, Table(("", SHARE.label, "tasks", "training runs"), lines, is_open=True)))
 
 
-def main(sweep: Path, /, *, docs: Path = Path("docs/results")) -> None:
-    """Write the comparison of learning algorithms, `algorithms.md`, with figures in `algorithms/`.
+def configurations(plan: Path) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Yield the configurations of all trainings, with the names of task and algorithm.
+
+    `plan`: YAML file with settings for all (`base`), by task, and by algorithm. Key `algorithms` of a task lists its
+    algorithms; the first also measures the reference policies.
+    """
+    data = read_mapping(plan)
+    for task, settings in data["tasks"].items():
+        names = settings.pop("algorithms")
+        for name in names:
+            config = merge(merge(data["base"], settings), {"experiment": task, **data["algorithms"][name]})
+            yield task, name, config if name == names[0] else merge(config, {"evaluation": {"references": []}})
+
+
+def main(
+    plan: Path = CONFIGURATIONS / "algorithms.yaml",
+    *,
+    jobs: Count = 1,
+    out: Path = Path("runs/algorithms"),
+    docs: Path = Path("docs/results"),
+) -> None:
+    """Train the algorithms on the tasks, and write the comparison `algorithms.md`, with figures in `algorithms/`.
 
     Args:
-        sweep: folder of a training sweep, or its configuration file for a page without results.
+        plan: YAML file with the settings of tasks and algorithms.
+        jobs: number of parallel trainings.
+        out: folder of the runs. Unfinished runs go on.
         docs: output folder.
     """
-    tasks = read_tasks(sweep / SWEEP if sweep.is_dir() else sweep)
+    tasks = list[TaskResults]()
+    for name, some in groupby(configurations(plan), lambda one: one[0]):
+        folders = [train(config, run=out / name / algorithm, jobs=jobs) for _, algorithm, config in some]
+        tasks.append(read_task(name, [member for folder in folders for member in read_members(folder)]))
     sections = [overview(tasks), *map(task_section, tasks)]
     write_markdown("Algorithms", TEXT, sections, docs / "algorithms.md", docs / "algorithms")
 

@@ -117,7 +117,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
         say(f"1/{stages} Train PPO in {task}, from an untrained network: {config.total_steps:,} steps")
         with running(scenes, work):
             evaluations = read_evaluations(train(config, run=work / "training"))
-        draw_learning_curve({"PPO": evaluations}, f"PPO learns {task}", curve := work / "learning_curve.png")
+        draw_learning_curve(evaluations, f"PPO learns {task}", curve := work / "learning_curve.png")
         lesson = describe_learning(evaluations, task)
         caption = "Star and lines are the same test episodes, in worlds not used in training; the curve has its own."
         learned = lesson, Figure(curve.stem, curve.read_bytes(), caption, is_wide=True)

@@ -1,4 +1,3 @@
-import contextlib
 import os
 import signal
 from collections import defaultdict
@@ -49,14 +48,13 @@ def pytest_terminal_summary(terminalreporter):
 def no_curves(monkeypatch):
     """Replace plots of learning curves, which are slow, by a header."""
     monkeypatch.setattr(
-        "lidarnaut.agents.run_folder.draw_learning_curve", lambda curves, title, path, *_: path.write_bytes(b"\x89PNG")
+        "lidarnaut.agents.run_folder.draw_learning_curve", lambda rows, title, path, *_: path.write_bytes(b"\x89PNG")
     )
 
 
 @pytest.fixture
 def no_workers(monkeypatch):
-    """Measure reference policies of trainings and run evolutions in this process: workers take seconds to start."""
-    monkeypatch.setattr("lidarnaut.agents.references.make_pool", lambda *_: contextlib.nullcontext())
+    """Run evolutions in this process: workers take seconds to start."""
     monkeypatch.setattr("lidarnaut.agents.frontiers.evolution.make_pool", lambda *_: ThreadPoolExecutor(1))
 
 

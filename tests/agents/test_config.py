@@ -8,19 +8,19 @@ from lidarnaut import train_command as train
 from lidarnaut.agents import training
 from lidarnaut.agents.algorithms import find_algorithm, prepare
 from lidarnaut.agents.config import TrainingConfig, parse_config
-from lidarnaut.agents.study import expand
+from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.agents.vec_env import make_vec_env
 from lidarnaut.envs.files import dump_record, read_mapping, read_record
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 
 
-@pytest.mark.parametrize("path", [path for path in CONFIGS if path.stem != "arena"], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [path for path in CONFIGS if "experiment" in read_mapping(path)], ids=str)
 def test_configurations_of_the_project_are_valid_and_survive_being_written(path, tmp_path):
-    for member in expand(read_mapping(path), str(path), tmp_path):
-        assert member.config.experiment == path.stem
-        (tmp_path / "again.yaml").write_text(dump_record(member.config))
-        assert read_record(tmp_path / "again.yaml", type(member.config)) == member.config
+    config = parse_config(with_recipe(read_mapping(path))[0], str(path))
+    assert config.experiment == path.stem
+    (tmp_path / "again.yaml").write_text(dump_record(config))
+    assert read_record(tmp_path / "again.yaml", type(config)) == config
 
 
 def test_numbers_in_scientific_notation_are_numbers(tmp_path):
@@ -49,20 +49,17 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path):
         ("hyperparameters.n_steps", "many", r"n_steps must be a whole number from 1, got 'many'"),
         ("hyperparameters.gamma", "no:such", r"hyperparameters\.gamma: 'no:such': there is no module 'no'"),
         ("hyperparameters.n_steps", 10**9, r"num_envs times hyperparameters\.n_steps .* = 4000000000 steps"),
-        ("hyperparameters.n_epochs", 0, r"hyperparameters\.n_epochs: must be a number from 1, got 0"),
         ("hyperparameters.batch_size", -1, r"hyperparameters\.batch_size: must be a number from 1, got -1"),
         ("hyperparameters.batch_size", 64.0, r"hyperparameters\.batch_size: Input should be a valid integer, got 64.0"),
         ("hyperparameters.batch_size", 1, r"hyperparameters\.batch_size: .*`batch_size` must be greater than 1"),
         ("hyperparameters.gamma", 2, r"hyperparameters\.gamma: must be a number from 0 to 1, got 2"),
         ("hyperparameters.gamma", float("nan"), r"hyperparameters\.gamma: Out of range float .*, got nan"),
         ("hyperparameters.clip_range", "x", r"hyperparameters\.clip_range: .* valid number; .* callable, got 'x'"),
-        ("hyperparameters.learning_rate", "lin_-1", r"learning_rate: not of the form lin_3e-4, got 'lin_-1'"),
         ("hyperparameters.learning_rate", 1e300, r"hyperparameters\.learning_rate: .*overflow"),
         ("hyperparameters.normalize_advantage", "yes", r"hyperparameters\.normalize_advantage: .* boolean, got 'yes'"),
         ("hyperparameters.policy_kwargs", 3, r"hyperparameters\.policy_kwargs: Input should be a valid dictionary"),
         ("hyperparameters.policy_kwargs", {"foo": 1}, r"hyperparameters\.policy_kwargs: .*argument 'foo'"),
         ("hyperparameters.policy_kwargs", {"net_arch": [-1]}, r"hyperparameters\.policy_kwargs: .*negative dimension"),
-        ("hyperparameters.policy_kwargs", {"log_std_init": float("inf")}, r"policy_kwargs: Out of range float"),
         *(
             ("hyperparameters.policy_kwargs", {"optimizer_class": f"torch.optim:{name}"}, rf"policy_kwargs: .*{name}")
             for name in ("LBFGS", "SparseAdam")
@@ -74,8 +71,6 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path):
         ("SAC.buffer_size", 10**13, r"hyperparameters\.buffer_size: .*Unable to allocate"),
         ("SAC.gradient_steps", -2, r"hyperparameters\.gradient_steps: must be a number from -1, got -2"),
         ("SAC.ent_coef", "abc", r"hyperparameters\.ent_coef: .*could not convert string to float: 'abc'"),
-        ("SAC.action_noise", -0.1, r"hyperparameters\.action_noise: must be a number from 0, got -0.1"),
-        ("SAC.policy_kwargs", {"optimizer_class": "torch.optim:LBFGS"}, r"hyperparameters\.policy_kwargs: .*LBFGS"),
         ("SAC.replay_buffer_kwargs", {"foo": 1}, r"hyperparameters\.replay_buffer_kwargs: .*argument 'foo'"),
     ],
 )

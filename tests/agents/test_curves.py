@@ -3,7 +3,7 @@ import warnings
 import numpy as np
 import pytest
 
-from lidarnaut.agents.curves import draw_learning_curve, draw_study, read_evaluations
+from lidarnaut.agents.curves import draw_learning_curve, draw_seeds, read_evaluations
 
 ROW = {"policy": "learned", "steps": 0, "progress": 0.5, "success": 0.5}
 ROW |= {"spl": 0.2, "spl_q25": 0.1, "scores": "0.1 0.3"}
@@ -44,5 +44,5 @@ def test_names_of_others_are_drawn_as_they_are(tmp_path):
     rows = [ROW, ROW | {"policy": "$\\frac{$"}, ROW | {"policy": "\x1b[2J"}]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        draw_learning_curve({"$\\x$": rows}, "$\\frac{$", tmp_path / "a.png")
-        draw_study({"$\\x$": np.zeros((1, 4))}, "$\\x$", "$\\x$", tmp_path / "b.png")
+        draw_learning_curve(rows, "$\\frac{$", tmp_path / "a.png")
+        draw_seeds(np.zeros((1, 4)), "$\\x$", "$\\x$", tmp_path / "b.png")

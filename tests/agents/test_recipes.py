@@ -9,7 +9,6 @@ import yaml
 
 from lidarnaut.agents.config import TrainingConfig, parse_config
 from lidarnaut.agents.recipes import RECIPES, find_recipe, with_recipe
-from lidarnaut.agents.study import expand
 from lidarnaut.agents.training import train
 from lidarnaut.envs import ENVIRONMENTS, register
 from lidarnaut.envs.files import read_mapping, read_record
@@ -163,14 +162,15 @@ def test_objects_and_runs_are_complete(tmp_path, monkeypatch, caplog, tiny_run):
     assert len(caplog.messages) == 1
 
 
-def test_members_of_a_sweep_have_recipes_of_their_own(tmp_path):
-    tasks = {name: {"environment": {"id": f"lidarnaut/{name}-v0"}} for name in ("ReachGoal", "Explore")}
-    sweep = {"task": tasks, "algorithm": ["PPO", "SAC"]}
-    members = expand({"experiment": "a", "sweep": sweep, "seeds": [0, 1]}, "a", tmp_path)
-    assert [(one.config.recipe, len(one.config.hyperparameters)) for one in members[::2]] == [
-        ("ReachGoal-v0", 7), ("ReachGoal-v0", 1), ("Explore-v0", 7), ("Explore-v0", 1),
-    ]  # fmt: skip
-    assert len({one.recipe for one in members}) == 4
+def test_a_sweep_keeps_the_recipe_of_its_beginning(tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr("lidarnaut.agents.seeds.train_seeds", lambda data, source, **_: seen.append(data))
+    train({"environment": given(), "seeds": [0, 1]})
+    assert (seen[0]["recipe"], len(seen[0]["hyperparameters"])) == ("ReachGoal-v0", 7)
+    (tmp_path / "sweep.yaml").write_text(yaml.safe_dump(seen[0] | {"hyperparameters": {}}))
+    train(resume=tmp_path)
+    train(tmp_path / "sweep.yaml")
+    assert seen[1] == seen[2] == seen[0] | {"hyperparameters": {}}
 
 
 def test_mistakes_are_named_before_torch_is_imported(tmp_path):

@@ -5,16 +5,13 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
-from unittest.mock import DEFAULT, Mock
 
 import numpy as np
 import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from lidarnaut.agents import algorithms, learning
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import curve_of, read_evaluations
@@ -223,18 +220,6 @@ def test_weights_and_outputs_that_overflow_are_not_finite_without_an_error_of_to
             assert not is_finite(model)
 
 
-def test_an_algorithm_is_looked_up_and_inspected_once_per_training(tiny_data, tmp_path, monkeypatch):
-    calls, names = Counter(), ("find_algorithm", "_parameters", "_read_network", "prepare")
-    for name in names:
-        counted = Mock(
-            wraps=getattr(algorithms, name), side_effect=lambda *_, name=name: calls.update([name]) or DEFAULT
-        )
-        for module in (algorithms, learning):
-            monkeypatch.setattr(module, name, counted, raising=False)
-    train(changed(tiny_data, total_steps=128), run=tmp_path / "run", progress=False)
-    assert calls == dict.fromkeys(names, 1)
-
-
 def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it(tiny_data, tmp_path):
     broken = tiny_data["environment"] | {"world": "priceless_70"}
     with pytest.raises(ValueError, match=r"diverged at step 280: a reward of sub-environment 0 is nan; .*resume from"):
@@ -254,18 +239,9 @@ def test_a_run_to_resume_has_its_own_folder(tiny_run, tiny_config, tmp_path):
         train(tiny_config, run=tmp_path / "run", resume=tiny_run, progress=False)
 
 
-def test_policies_learn(tiny_data, tmp_path):
-    """The fake world is explored by driving straight ahead."""
-    faster = {"n_steps": 64, "batch_size": 128, "n_epochs": 4, "learning_rate": "lin_2e-3"}
-    seldom = {"evaluation": {"every": 100_000, "episodes": 5, "references": []}, "checkpoints": {"every": 100_000}}
-    config = changed(tiny_data, total_steps=4096, num_envs=8, hyperparameters=faster, **seldom)
-    rows = newest(train(config, run=tmp_path / "run", progress=False)).record.evaluations
-    assert rows[-1]["gained_area"] > 3 * rows[0]["gained_area"] + 10
-
-
 @pytest.mark.parametrize(("name", "message"), [("guess", "frontier rule guess: .*'gain'"), ("Unread", "'speed'")])
 def test_a_wrong_reference_is_named_before_the_first_evaluation(name, message, tiny_data, tmp_path, monkeypatch):
-    monkeypatch.setattr(Evaluator, "reference", lambda *_: pytest.fail("an evaluation has begun"))
+    monkeypatch.setattr(Evaluator, "references", lambda *_: pytest.fail("an evaluation has begun"))
     environment = {"world": "pimouse_arena", "control_hz": 5, "time_limit": 2}
     references = {"episodes": 1, "references": ["nearest", f"tests.own_code:{name}"]}
     config = changed(tiny_data, environment=environment, evaluation=references)

@@ -102,8 +102,8 @@ def in_configuration_of_run_folder(folder):
 def in_sweep(folder):
     (folder / "sweep").mkdir()
     config = yaml.safe_load((PRETRAINED / "reach" / "config.yaml").read_text())
-    sweep = {**config, "sweep": {"environment.reward": ["hostile_code:Own"]}, "seeds": [0]}
-    (folder / "sweep" / "sweep.yaml").write_text(yaml.safe_dump(sweep))
+    name_reward(config)
+    (folder / "sweep" / "sweep.yaml").write_text(yaml.safe_dump({**config, "seeds": [0]}))
     return train.main(["--resume", str(folder / "sweep")])
 
 

@@ -216,6 +216,6 @@ def test_evaluations_take_the_first_robot_or_their_own():
         evaluation = {"episodes": 1, "environment": own}
         config = {"experiment": "two", "total_steps": 1, "algorithm": "PPO", "evaluation": evaluation}
         evaluator = Evaluator(TrainingConfig(**config, environment=environment))
-        evaluator.reference("tests.agents.test_vec_env:Standing", 0)
+        evaluator.references({"tests.agents.test_vec_env:Standing": "standing"}, progress=False)
         evaluator.close()
     assert Standing.robots == ["turtlebot3_burger", "jackal"]

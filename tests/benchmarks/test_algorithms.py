@@ -1,22 +1,28 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
-import yaml
 
-from lidarnaut.agents.config import find_configuration
-from lidarnaut.agents.study import run_study
+from lidarnaut.agents.config import CONFIGURATIONS
+from lidarnaut.agents.seeds import expand, read_members
 from lidarnaut.benchmarks import algorithms
-from lidarnaut.benchmarks.algorithms import TaskResults, difference, overview, task_section
+from lidarnaut.benchmarks.algorithms import TaskResults, configurations, difference, overview, read_task, task_section
 from lidarnaut.envs.measures import REACH
 
-ENVIRONMENT = {"num_workers": 0, "time_limit": 1.0, "world": "rooms", "world_size": [6, 6], "slam": "truth"}
-ROOMS = {"environment": {"id": "lidarnaut/Explore-v0"}, "evaluation": {"references": ["random", "nearest"]}}
-GOALS = {"environment": {"id": "lidarnaut/ReachGoal-v0"}, "evaluation": {"references": ["random", "pursuit"]}}
-PPO = {"algorithm": "PPO", "hyperparameters": {"n_steps": 4}}
-SAC = {"algorithm": "SAC", "hyperparameters": {"train_freq": 4, "learning_starts": 4}}
-TINY = {"experiment": "tiny", "recipe": None, "total_steps": 16, "num_envs": 2, "seeds": [0]}
-TINY |= {"environment": ENVIRONMENT, "evaluation": {"every": 16, "episodes": 2}}
-TINY |= {"hyperparameters": {"batch_size": 4}, "network": {"features": 8, "channels": 2, "hidden": 8}}
-TINY |= {"sweep": {"task": {"Rooms": ROOMS, "Goals": GOALS}, "algorithm": {"PPO": PPO, "SAC": SAC}}}
+TINY = """
+base:
+  {recipe: null, seeds: [0], total_steps: 16, num_envs: 2, hyperparameters: {batch_size: 4},
+   environment: {num_workers: 0, time_limit: 1.0, world: rooms, world_size: [6, 6], slam: truth},
+   evaluation: {every: 16, episodes: 2}, network: {features: 8, channels: 2, hidden: 8}}
+tasks:
+  Rooms:
+    {algorithms: [PPO, SAC], environment: {id: lidarnaut/Explore-v0}, evaluation: {references: [random, nearest]}}
+  Goals:
+    {algorithms: [PPO], environment: {id: lidarnaut/ReachGoal-v0}, evaluation: {references: [random, pursuit]}}
+algorithms:
+  PPO: {algorithm: PPO, hyperparameters: {n_steps: 4}}
+  SAC: {algorithm: SAC, hyperparameters: {train_freq: 4, learning_starts: 4}}
+"""
 
 
 def make_task(**scores):
@@ -30,7 +36,6 @@ def make_task(**scores):
         results=scores,
         references={"pursuit": half, "random": np.zeros((1, 40))},
         times=dict.fromkeys(scores, 9.0),
-        missing=0,
     )
 
 
@@ -57,23 +62,26 @@ def test_a_task_says_who_is_above_random_and_below_the_classic():
     assert [[cell.text for cell in line] for line in glance.lines] == [[*rank, "1", "2"] for rank in ranks.items()]
 
 
-def test_a_sweep_becomes_a_page_whether_all_some_or_none_of_it_is_done(tmp_path):
-    folder = run_study(TINY, "mem", resume=tmp_path / "sweep", progress=False)
-    algorithms.main(folder, docs=tmp_path / "docs")
+def test_tasks_and_algorithms_are_trained_once_and_become_a_page(tmp_path, monkeypatch):
+    (tmp_path / "plan.yaml").write_text(TINY)
+    folders = {"out": tmp_path / "runs", "docs": tmp_path / "docs"}
+    algorithms.main(tmp_path / "plan.yaml", **folders)
     page = (tmp_path / "docs" / "algorithms.md").read_text()
     assert {path.stem for path in (tmp_path / "docs" / "algorithms").iterdir()} == {"Rooms", "Goals"}
     assert page.count("the best classic policy, nearest") >= 1
     assert page.count("the best classic policy, pursuit") >= 1
-    tasks = algorithms.read_tasks(folder / "sweep.yaml")
-    assert [task.scores["SAC"].shape for task in tasks] == [(2, 1, 2)] * 2
-    assert [set(task.references) for task in tasks] == [{"random", "nearest"}, {"random", "pursuit"}]
+    members = [member for name in ("PPO", "SAC") for member in read_members(tmp_path / "runs" / "Rooms" / name)]
+    assert [bool(member.config.evaluation.references) for member in members] == [True, False]
+    task = read_task("Rooms", members)
+    assert (task.scores["SAC"].shape, set(task.references)) == ((2, 1, 2), {"random", "nearest"})
+    monkeypatch.setattr("lidarnaut.agents.learning.run_training", None)
+    algorithms.main(tmp_path / "plan.yaml", **folders)
+    assert (tmp_path / "docs" / "algorithms.md").read_text() == page
 
-    (folder / "sweep.yaml").write_text(yaml.safe_dump(TINY | {"total_steps": 32, "seeds": [0, 1]}))
-    (later,) = {task.missing for task in algorithms.read_tasks(folder / "sweep.yaml")}
-    assert later == 4
-    algorithms.main(find_configuration("algorithms", "experiment"), docs=tmp_path / "docs")
-    page = (tmp_path / "docs" / "algorithms.md").read_text()
-    assert "No training run is finished yet." in page
-    assert page.count("Not measured yet: 12 training runs are missing.") == 7
-    assert page.count("Not measured yet: 6 training runs are missing.") == 1
-    assert not list((tmp_path / "docs" / "algorithms").iterdir())
+
+def test_the_plan_of_the_documentation_is_valid():
+    plan = list(configurations(CONFIGURATIONS / "algorithms.yaml"))
+    assert len({(task, algorithm) for task, algorithm, _ in plan}) == len(plan) == 30
+    for task, _, data in plan:
+        members = expand(data | {"recipe": None}, task, Path(task))
+        assert [member.config.seed for member in members] == [0, 1, 2]

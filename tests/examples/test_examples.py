@@ -18,6 +18,17 @@ from lidarnaut.evaluate_command import main as evaluate
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PATHS = sorted(EXAMPLES.glob("*.py"))
 NEEDS = {"pettingzoo_team": "pettingzoo", "run_onnx": "onnxruntime", "torchrl_ppo": "torchrl", "rllib_ppo": "ray.rllib"}
+NEEDS["optuna_search"] = "optuna"
+TINY = """
+experiment: tiny
+recipe: null
+algorithm: PPO
+total_steps: 8
+num_envs: 2
+environment: {id: lidarnaut/ReachGoal-v0, world: hall, world_size: [6, 6], time_limit: 1, num_workers: 0}
+hyperparameters: {n_steps: 4, batch_size: 4}
+evaluation: {episodes: 1}
+"""
 
 
 @pytest.fixture
@@ -134,6 +145,16 @@ def test_explorers_of_ones_own_explore_and_enter_the_arena(load, tmp_path):
         lengths = {row["policy"]: float(row["path_length"]) for row in csv.DictReader(file)}
     assert list(lengths) == policies
     assert min(lengths.values()) > 0.2
+
+
+def test_a_search_resumes_trials_part_by_part_and_prunes_those_that_fall_behind(load, tmp_path, monkeypatch):
+    search = load("optuna_search")
+    (tmp_path / "tiny.yaml").write_text(TINY)
+    values = iter([0.5] * 8 + [0.1])  # of four trials in two parts, and of the first part of another one
+    monkeypatch.setattr(search, "headline_of_rows", lambda rows: rows[-1].update(mine=next(values)) or "mine")
+    study = search.main(str(tmp_path / "tiny.yaml"), trials=5, steps=16, parts=2, out=tmp_path / "runs")
+    assert [trial.state.name for trial in study.trials] == ["COMPLETE"] * 4 + ["PRUNED"]
+    assert [len(list(run.glob("checkpoints/step_*"))) for run in sorted((tmp_path / "runs").iterdir())] == [3] * 4 + [2]
 
 
 def test_a_bag_is_recorded_converted_and_replayed(load, tmp_path):

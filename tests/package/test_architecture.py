@@ -82,7 +82,7 @@ READERS = {
     "np.load", "json.load", "pickle.load", "pickle.loads", "torch.load", "yaml.load",
 }  # fmt: skip
 READ_ANYTHING = {
-    "envs/files/archives.py", "envs/files/yaml_models.py", "envs/player/page.py", "agents/package_policy.py",
+    "envs/files/archives.py", "envs/files/yaml_models.py", "envs/player/page.py",
     "benchmarks/demo.py",
     "benchmarks/drives/localization.py", "benchmarks/speed/peers/step.py",
     "envs/vector/workers.py",

@@ -32,11 +32,14 @@ class Mine(EXPLORERS["nearest"]):
         return super().act(reading, belief)
 """
 FEATURES = """
+import torch
 from lidarnaut.agents.networks import ExplorerFeatures
 
 class Bad(ExplorerFeatures):
     def forward(self, observations):
-        raise KeyError("a bug of mine")
+        if torch.initial_seed() == 1:
+            raise KeyError("a bug of mine")
+        return super().forward(observations)
 """
 
 
@@ -114,12 +117,11 @@ def test_an_evaluation_reads_what_the_command_reads_and_outlives_a_worker(addres
 
 def test_a_sweep_comes_out_where_the_command_says_and_says_what_failed(address, here, monkeypatch, capsys):
     monkeypatch.chdir(here)
-    kinds = {
-        "good": {},
-        "bad": {"hyperparameters": {"policy_kwargs": {"features_extractor_class": "ray_features:Bad"}}},
-    }
     environment = {"world": "room.yaml", "num_workers": 0, "time_limit": 3.0, "observations": ["scan", "motion"]}
-    data = TINY | {"environment": environment, "total_steps": 128, "sweep": {"kind": kinds}, "seeds": [0]}
+    data = TINY | {"environment": environment, "total_steps": 128, "seeds": [0, 1]}
+    data["hyperparameters"] = TINY["hyperparameters"] | {
+        "policy_kwargs": {"features_extractor_class": "ray_features:Bad"}
+    }
     data["evaluation"] = {"every": 128, "episodes": 1, "references": []}
     tables = []
     for more in ([], ["--ray", address]):
@@ -128,7 +130,7 @@ def test_a_sweep_comes_out_where_the_command_says_and_says_what_failed(address, 
         said = capsys.readouterr().err
         assert "Traceback" not in said
         assert "\x1b" not in said.splitlines()[-1]
-        assert re.search(r"001_kind=bad__0: KeyError: 'a bug of mine' \(traceback: (.*)\)", said.splitlines()[-1])
+        assert re.search(r"seed_1: KeyError: 'a bug of mine' \(traceback: (.*)\)", said.splitlines()[-1])
         (folder,) = Path("runs").iterdir()
         tables.append(rows_of(folder / "sweep.csv"))
         folder.rename(f"sweep_{len(tables)}")
