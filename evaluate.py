@@ -55,8 +55,6 @@ class Command:
     """Publish the results in the folder without running episodes."""
     publish: Path | None = None
     """Documentation folder for the leaderboard, as `arena.md` and `arena/`."""
-    all: bool = False
-    """Print all measures of each world instead of the five main ones; the report has all of them."""
     verbose: Annotated[bool, tyro.conf.arg(aliases=["-v"])] = False
     """Log the progress of each episode every 10 s: explored share, goal, number of blacklisted goals."""
     json: bool = False
@@ -109,7 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
     if command.json:
         print(json.dumps(to_json(summary), indent=1))
     else:
-        print_results(evaluation, summary, messages, command.all)
+        print_results(evaluation, messages)
     return 1 if evaluation.missing() else 0
 
 

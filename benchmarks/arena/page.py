@@ -78,7 +78,6 @@ class Section(NamedTuple):
 
     title: str
     parts: "tuple[Part, ...]"
-    level: int = 2
 
 
 class Markdown(str):

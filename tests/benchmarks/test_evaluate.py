@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lidarnaut.benchmarks.arena import overview
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.benchmarks.arena.trace import Recorder
@@ -40,8 +41,6 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
             assert value["n"] == 2
     never = {"iqm": 4.0, "low": 4.0, "high": 4.0, "n": 2, "never": 2}
     assert summary["random"][WORLD]["time_to_99"] == never
-    pictures = ("curves_{}_time", "curves_{}_distance", "growth_{}", "map_{}_random", "map_{}_nearest")
-    assert {path.stem for path in tmp_path.glob("*.png")} == {name.format(WORLD) for name in pictures}
     rows = read_rows(tmp_path)
     assert len(rows) == 4
     assert {row["time_to_99"] for row in rows} == {row["distance_to_95"] for row in rows} == {"inf"}
@@ -52,24 +51,31 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
     (tmp_path / "episodes.csv").write_text("".join(table[:-1]))
     assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "maze", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert "maze, 2 episodes" in printed
-    assert all(printed.count(f"{measure.title} ") >= 2 for measure in MEASURES.brief)
-    assert "map IoU" not in printed
-    assert main([*BRIEF, "--policies", "random", "--worlds", WORLD, "--out", str(tmp_path), "--report", "--all"]) == 0
-    assert "map IoU" in capsys.readouterr().out
-    assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "maze", "--out", str(tmp_path)]) == 0
+    assert re.search(rf"World by world: Time to 95 % \[s\](.|\n)* {WORLD} +never .*\n maze ", printed)
+    assert "path m" not in printed
     again = read_rows(tmp_path)
     assert len(again) == 8
     assert again[:3] == rows[:3]
     assert deterministic(again[3:4]) == deterministic(rows[3:])
+    assert main([*BRIEF, "--policies", "random", "--worlds", WORLD, "--out", str(tmp_path), "--report"]) == 0
+    printed = capsys.readouterr().out
+    assert all(f"{measure.title} " in printed for measure in MEASURES.brief)
 
+
+def test_a_single_world_has_the_report_of_many_with_curves_in_seconds_and_metres(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(overview, "render", lambda draw, *arguments: drawn.append((draw.__name__, *arguments)) or b"")
+    assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "--out", str(tmp_path)]) == 0
+    curves = [(grid[-1], xlabel) for name, grid, _, xlabel, *_ in drawn[:4] if name == "draw_bands"]
+    assert curves[0] == (4.0, "time [s]")
+    assert curves[1][1] == "distance [m]"
     report = (tmp_path / "report.html").read_text()
     Balanced().feed(report)
-    assert "<h2>Leaderboard</h2>" in report
-    world = report[report.index(f"<h2>{WORLD}</h2>") : report.index("<h2>maze</h2>")]
-    for text in ("<th>time to 90 % s</th>", "<th>better than nearest</th>", "time ran out (2)", "random: ", "map IoU"):
-        assert text in world, text
-    assert world.count("<figure") == 2 + 1 + 2
+    page = (tmp_path / "leaderboard.md").read_text()
+    for title in ("Leaderboard", "Curves and performance profiles", "Pair by pair", "Typical and worst episodes"):
+        assert f"<h2>{title}</h2>" in report
+        assert f"\n## {title}\n" in page
+    assert report.count("<figure") == page.count("![") == 4 + 2 * 2
     assert not re.search(r'(src|href|srcset)="(?!data:image/)', report)
 
 

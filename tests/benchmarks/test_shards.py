@@ -84,7 +84,7 @@ class Fragile(RandomExplorer):
 def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, capsys, no_overview):
     monkeypatch.setitem(EXPLORERS, "fragile", Fragile)
     settings = ["--policies", "fragile", "random", "--worlds", "pimouse_arena", "turtlebot3_dqn_stage1", "--episodes"]
-    settings += ["2", "--physics", "kinematic", "--time-limit", "2", "--no-world-sections", "--out", str(tmp_path)]
+    settings += ["2", "--physics", "kinematic", "--time-limit", "2", "--out", str(tmp_path)]
     assert main(settings) == 1
     said = " ".join(capsys.readouterr().err.split())
     for world in ("pimouse_arena with raspimouse", "turtlebot3_dqn_stage1 with turtlebot3_burger"):
@@ -116,7 +116,7 @@ def test_nothing_is_run_for_a_report(whole, tmp_path, no_overview):
     shutil.copytree(whole.folder, tmp_path, dirs_exist_ok=True)
     table = (tmp_path / "episodes.csv").read_text()
     options = [*OPTIONS, "--worlds", *SETTINGS.worlds, "--episodes", "3"]
-    options += ["--no-world-sections", "--out", str(tmp_path), "--report"]
+    options += ["--out", str(tmp_path), "--report"]
     assert main(options) == 1
     assert (tmp_path / "episodes.csv").read_text() == table
     assert NOT_RUN in (tmp_path / "leaderboard.md").read_text()
@@ -150,7 +150,7 @@ def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path
     assert 2 <= len(kept) < len(lines)
     (tmp_path / "episodes.csv").write_text("\n".join([header, *kept]) + "\n")
     publish(Evaluation(SETTINGS, tmp_path))
-    assert "seed 1: " in (tmp_path / "report.html").read_text()
+    assert "World by world" in (tmp_path / "report.html").read_text()
     assert "0 of 4 episodes" in (tmp_path / "leaderboard.md").read_text()
 
 
