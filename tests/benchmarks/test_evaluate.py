@@ -27,9 +27,11 @@ WORLD = "turtlebot3_world"
 BRIEF = ("--episodes", "2", "--physics", "kinematic", "--time-limit", "4")
 
 
-def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, no_overview):
-    options = "--episodes 2 --physics kinematic --time-limit 4 --json --policies random nearest --worlds"
-    assert main([*options.split(), WORLD, "--out", str(tmp_path)]) == 0
+def test_the_command_leaves_table_summary_and_the_same_report_for_one_world_or_two(tmp_path, capsys, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(overview, "render", lambda draw, *arguments: drawn.append((draw.__name__, *arguments)) or b"")
+    options = ["--policies", "random", "nearest", *BRIEF, "--out", str(tmp_path), "--worlds", WORLD]
+    assert main([*options, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary == json.loads((tmp_path / "summary.json").read_text())
     assert {policy: list(worlds) for policy, worlds in summary.items()} == {"random": [WORLD], "nearest": [WORLD]}
@@ -44,12 +46,15 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
     rows = read_rows(tmp_path)
     assert len(rows) == 4
     assert {row["time_to_99"] for row in rows} == {row["distance_to_95"] for row in rows} == {"inf"}
-    assert "never<small>&gt; 4 s</small>" in (tmp_path / "report.html").read_text()
+    assert main([*options, "--report"]) == 0
+    printed = capsys.readouterr().out
+    assert all(f"{measure.title} " in printed for measure in MEASURES.brief)
+    check_report(tmp_path)
 
     # With one more world and a lost row, only these episodes are run, and the lost row is reproduced.
     table = (tmp_path / "episodes.csv").read_text().splitlines(keepends=True)
     (tmp_path / "episodes.csv").write_text("".join(table[:-1]))
-    assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "maze", "--out", str(tmp_path)]) == 0
+    assert main([*options, "maze"]) == 0
     printed = capsys.readouterr().out
     assert re.search(rf"World by world: Time to 95 % \[s\](.|\n)* {WORLD} +never .*\n maze ", printed)
     assert "path m" not in printed
@@ -57,24 +62,19 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
     assert len(again) == 8
     assert again[:3] == rows[:3]
     assert deterministic(again[3:4]) == deterministic(rows[3:])
-    assert main([*BRIEF, "--policies", "random", "--worlds", WORLD, "--out", str(tmp_path), "--report"]) == 0
-    printed = capsys.readouterr().out
-    assert all(f"{measure.title} " in printed for measure in MEASURES.brief)
-
-
-def test_a_single_world_has_the_report_of_many_with_curves_in_seconds_and_metres(tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(overview, "render", lambda draw, *arguments: drawn.append((draw.__name__, *arguments)) or b"")
-    assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "--out", str(tmp_path)]) == 0
-    curves = [(grid[-1], xlabel) for name, grid, _, xlabel, *_ in drawn[:4] if name == "draw_bands"]
+    check_report(tmp_path)
+    curves = [(one[1][-1], one[3]) for one in drawn if one[0] == "draw_bands"]
     assert curves[0] == (4.0, "time [s]")
-    assert curves[1][1] == "distance [m]"
-    report = (tmp_path / "report.html").read_text()
+    assert curves[-4] == (3.0, "time, as a share of nearest's to 95 %")
+
+
+def check_report(folder):
+    report, page = (folder / "report.html").read_text(), (folder / "leaderboard.md").read_text()
     Balanced().feed(report)
-    page = (tmp_path / "leaderboard.md").read_text()
-    for title in ("Leaderboard", "Curves and performance profiles", "Pair by pair", "Typical and worst episodes"):
-        assert f"<h2>{title}</h2>" in report
-        assert f"\n## {title}\n" in page
+    titles = re.findall(r"<h2>(.+)</h2>", report)
+    assert titles == re.findall(r"(?m)^## (.+)", page)
+    assert titles[1:5] == ["Leaderboard", "Curves and performance profiles", "Pair by pair", "All other measures"]
+    assert "never<small>&gt; 4 s</small>" in report
     assert report.count("<figure") == page.count("![") == 4 + 2 * 2
     assert not re.search(r'(src|href|srcset)="(?!data:image/)', report)
 
