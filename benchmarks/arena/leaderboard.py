@@ -82,9 +82,9 @@ def measures_section(episodes: Episodes) -> Section:
     return Section("All other measures", (text, policies_table(episodes, others, names)))
 
 
-def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | None:
+def pairs_section(episodes: Episodes) -> Section | None:
     """Return a report section that compares each policy with the reference policy under equal conditions and seeds."""
-    reference, marks = episodes.reference, episodes.measures.marks
+    reference, marks, measures = episodes.reference, episodes.measures.marks, episodes.measures.gaps
     lines = []
     for policy in episodes.policies:
         cells = []

@@ -94,14 +94,13 @@ def to_json(summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sections(evaluation: Evaluation, episodes: Episodes, everything: Episodes, command: str) -> list[Section]:
-    folder, measures = evaluation.folder, evaluation.measures
-    sections: list[Section | None] = []
-    if fair := episodes.shared().related():
+    fair, sections = episodes.shared().related(), list[Section | None]()
+    if fair:
         sections = [
             verdict_section(fair),
             *leaderboard.ranking_sections(fair),
-            overview.curves_section(folder, fair),
-            leaderboard.pairs_section(fair, measures.gaps),
+            overview.curves_section(evaluation.folder, fair),
+            leaderboard.pairs_section(fair),
             leaderboard.measures_section(fair),
         ]
     sections += [
@@ -110,7 +109,7 @@ def _sections(evaluation: Evaluation, episodes: Episodes, everything: Episodes, 
         leaderboard.worlds_section(episodes),
         leaderboard.unfinished_section(episodes),
         _missing_section(evaluation.missing(), len(episodes), len(fair)),
-        overview.gallery_section(folder, episodes),
+        overview.gallery_section(evaluation.folder, episodes),
         _origin_section(evaluation, command),
     ]
     return list(filter(None, sections))

@@ -109,7 +109,7 @@ def test_the_table_of_a_single_world_fits_120_columns_of_a_terminal():
 def test_ratios_of_times_are_geometric_means():
     times = {"nearest": (100.0, math.inf, 0.2), "quick": (50.0, 2000.0, 0.0)}  # times below 1 s count as 1 s
     rows = [row(policy, k, time=time) for policy, each in times.items() for k, time in enumerate(each)]
-    table = leaderboard.pairs_section(related(rows), MEASURES.gaps).parts[1]
+    table = leaderboard.pairs_section(related(rows)).parts[1]
     assert table.lines[0][table.head.index("time to 95 % / nearest's")].text == f"{0.25 ** (1 / 3):.3f}"
 
 
