@@ -142,7 +142,8 @@ def print_results(evaluation: Evaluation, messages: Console) -> None:
     """Print the leaderboard, a short table of the worlds if there are several, and the path of the report."""
     console, report, measures = make_console(), printable(evaluation.folder / "report.html"), evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)
-    fair, shown, has_worlds = episodes.shared().related(), measures.brief, len(episodes.by_case()) > 1
+    fair = (episodes.shared() or episodes).related()
+    shown, has_worlds = measures.brief, len(episodes.by_case()) > 1
     if has_worlds:
         shown = (measures.headline, *measures.relative[:1], *(measures.reached or (SUCCESS,)))
     number = len(set(map(start_of, fair)))

@@ -1,12 +1,14 @@
+import re
 import shutil
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from lidarnaut.baselines import EXPLORERS, RandomExplorer
-from lidarnaut.benchmarks.arena.publish import publish
+from lidarnaut.benchmarks.arena.publish import print_results, publish
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.benchmarks.arena.workers import NOT_RUN
@@ -143,13 +145,15 @@ def test_groups_stand_for_their_worlds_and_mistakes_are_named():
             parse_record({"policies": ["nearest"], "worlds": ["maze"]} | data, "mem", Settings)
 
 
-def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path, no_overview):
+def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path, capsys, no_overview):
     shutil.copytree(whole.folder, tmp_path, dirs_exist_ok=True)
     header, *lines = (tmp_path / "episodes.csv").read_text().splitlines()
     kept = [line for line in lines if line.startswith("nearest") == (",0," in line[:60])]
     assert 2 <= len(kept) < len(lines)
     (tmp_path / "episodes.csv").write_text("\n".join([header, *kept]) + "\n")
     publish(Evaluation(SETTINGS, tmp_path))
+    print_results(Evaluation(SETTINGS, tmp_path), Console(stderr=True))
+    assert len(re.findall(r"(1\.|2\.) (nearest|random)", capsys.readouterr().out)) == 2
     assert "World by world" in (tmp_path / "report.html").read_text()
     assert "0 of 4 episodes" in (tmp_path / "leaderboard.md").read_text()
 
