@@ -8,7 +8,6 @@ The same command resumes an interrupted evaluation.
 """
 
 import argparse
-import json
 import shlex
 import sys
 import tempfile
@@ -22,7 +21,7 @@ import yaml
 from rich.console import Console
 
 from lidarnaut.agents.config import find_configuration
-from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress, to_json
+from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.envs.command_line import begin_command, fail, parse_options, show_log
@@ -55,12 +54,8 @@ class Command:
     """Publish the results in the folder without running episodes."""
     publish: Path | None = None
     """Documentation folder for the leaderboard, as `arena.md` and `arena/`."""
-    all: bool = False
-    """Print all measures of each world instead of the five main ones; the report has all of them."""
     verbose: Annotated[bool, tyro.conf.arg(aliases=["-v"])] = False
     """Log the progress of each episode every 10 s: explored share, goal, number of blacklisted goals."""
-    json: bool = False
-    """Print only the summary, as JSON, to standard output."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -97,7 +92,7 @@ def main(arguments: list[str] | None = None) -> int:
         if command.shard is not None:
             messages.print(f"Shard {command.shard} is done; run the same command without --shard to publish.")
             return 1 if failures else 0
-        summary = publish(evaluation, command=shown_command(said, command), docs=command.publish)
+        publish(evaluation, command=shown_command(said, command), docs=command.publish)
     except KeyboardInterrupt:
         messages.print("Interrupted. Finished episodes are kept; run the same command to resume.")
         return 130
@@ -106,10 +101,7 @@ def main(arguments: list[str] | None = None) -> int:
         if command and is_bare and not isinstance(error, ConnectionError):  # full disk: no path given
             return fail(f"{error} (while writing to {command.out})")
         return fail(error)
-    if command.json:
-        print(json.dumps(to_json(summary), indent=1))
-    else:
-        print_results(evaluation, summary, messages, command.all)
+    print_results(evaluation, messages)
     return 1 if evaluation.missing() else 0
 
 

@@ -127,7 +127,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
             sections.append(show(scene, work, jobs, console))
         links = [[Cell(one.title), Cell("report", link=f"{one.folder}/report.html")] for one in scenes]
         sections.append(Section("All episodes", (Table(("", "curves, pairs, typical and worst episodes"), links),)))
-        page = to_html(sections, title="Lidarnaut demo: trained and shipped policies", facts={})
+        page = to_html(sections, title="Lidarnaut demo: trained and shipped policies")
         write_file(work / "report.html", page)
         shutil.rmtree(folder, ignore_errors=True)
         work.rename(folder)
@@ -154,7 +154,8 @@ def _evaluate(scenes: Sequence[Scene], work: Path) -> None:
 def show(scene: Scene, work: Path, jobs: int, console: Console) -> Section:
     evaluation = Evaluation(scene.settings, work / scene.folder)
     run_with_progress(evaluation, jobs, console, record=True)
-    print_results(evaluation, publish(evaluation), console)
+    publish(evaluation)
+    print_results(evaluation, console)
     episodes, measures = Episodes(evaluation.rows(), evaluation.measures), evaluation.measures
     policy = episodes.policies[-1]
     typical, _ = episodes.typical_and_worst(policy)

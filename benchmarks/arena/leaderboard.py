@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -33,14 +34,18 @@ def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cel
     return {policy: Cell.of(value, measure, policy in best) for policy, value in estimates.items()}
 
 
+def policies_table(episodes: Episodes, shown: Sequence[Measure], names: Mapping[str, str], **how: Any) -> Table:
+    """Return a table with a row for each policy of `names` and a column for each measure."""
+    columns = [marked(episodes.standing(measure), measure) for measure in shown]
+    lines = [[Cell(name), *(column.get(policy, DASH) for column in columns)] for policy, name in names.items()]
+    return Table(("", *(measure.title for measure in shown)), lines, **how)
+
+
 def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
     """Return the leaderboard: one row per policy, ranked by the task's main measure, and one column per measure."""
-    columns = [marked(episodes.standing(measure), measure) for measure in shown]
-    lines = []
-    for k, policy in enumerate(episodes.standing(episodes.measures.headline), start=1):
-        rank = "bound:" if is_bound(policy) else f"{k}."
-        lines.append([Cell(f"{rank} {short(policy)}"), *(column.get(policy, DASH) for column in columns)])
-    return Table(("", *(measure.title for measure in shown)), lines, is_open=True)
+    ranked = enumerate(episodes.standing(episodes.measures.headline), start=1)
+    names = {policy: f"{'bound:' if is_bound(policy) else f'{k}.'} {short(policy)}" for k, policy in ranked}
+    return policies_table(episodes, shown, names, is_open=True)
 
 
 def ranking_sections(episodes: Episodes) -> list[Section]:
@@ -67,30 +72,19 @@ def ranking_sections(episodes: Episodes) -> list[Section]:
     ]
 
 
-def measures_table(estimates: Mapping[str, Mapping[str, Estimate]], measures: Sequence[Measure]) -> Table:
-    lines = []
-    for measure in measures:
-        cells = marked({policy: values[measure.name] for policy, values in estimates.items()}, measure)
-        lines.append([Cell(measure.title), *cells.values()])
-    return Table(("", *map(short, estimates)), lines, is_open=True)
-
-
 def measures_section(episodes: Episodes) -> Section:
     others = [measure for measure in episodes.measures.all if measure not in episodes.measures.shown]
     text = (
         "Interquartile means over the same starts as above. Times and distances of small and large worlds are pooled: "
         "compare policies, not absolute values."
     )
-    lines = [
-        [Cell(short(policy)), *(Cell.of(episodes.estimate(policy, measure), measure) for measure in others)]
-        for policy in episodes.policies
-    ]
-    return Section("All other measures", (text, Table(("", *(m.title for m in others)), lines)))
+    names = {policy: short(policy) for policy in episodes.policies}
+    return Section("All other measures", (text, policies_table(episodes, others, names)))
 
 
-def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | None:
+def pairs_section(episodes: Episodes) -> Section | None:
     """Return a report section that compares each policy with the reference policy under equal conditions and seeds."""
-    reference, marks = episodes.reference, episodes.measures.marks
+    reference, marks, measures = episodes.reference, episodes.measures.marks, episodes.measures.gaps
     lines = []
     for policy in episodes.policies:
         cells = []

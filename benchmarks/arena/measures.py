@@ -6,8 +6,8 @@ from dataclasses import replace
 from lidarnaut.agents.statistics import Estimate
 from lidarnaut.envs.measures import COMMON, SUCCESS, Measure, headline_of
 
-NUM_BRIEF = 5
-"""Maximum number of measures printed in the terminal for each world."""
+NUM_BRIEF = 4
+"""Maximum number of measures printed in the terminal for a single world."""
 MIN_STARTS = 5
 """Minimum number of starts of each policy for a verdict. Tables mark intervals of fewer: the bootstrap of few values
 gives too narrow ones."""
@@ -35,10 +35,8 @@ class Measures:
         """Measure of success: 1 if an episode reached the task's progress threshold (such as 95 % explored), else 0."""
         self.decisive = (*self.relative, self.headline)[0]
         """Measure that decides which policy the summary names as best."""
-        self.compared = self.headline, *(self.marks or others)
-        """Measures shown in comparisons of policies in a single world."""
         self.gaps = self.headline, *(self.relative or others)
-        """Measures shown in comparisons of policies over several worlds."""
+        """Measures shown in comparisons of pairs of policies."""
         main = self._named(self.progress) if self.marks else others
         ends = SUCCESS, *self._named("collisions", "decision_ms")
         self.shown = self.headline, *main, *self.relative, *self.reached, *ends

@@ -1,16 +1,14 @@
-"""Figures of an evaluation: progress curves, performance profiles and maps."""
+"""Figures of an evaluation: progress curves, performance profiles, maps, and pages that play episodes."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from lidarnaut.agents.policy_names import short
-from lidarnaut.agents.statistics import Estimate, performance_profile
+from lidarnaut.agents.statistics import performance_profile
 from lidarnaut.benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
 from lidarnaut.benchmarks.arena.evaluation_folder import Row
-from lidarnaut.benchmarks.arena.leaderboard import measures_table, pairs_section, unfinished_section
 from lidarnaut.benchmarks.arena.measures import Measures, few_starts
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table
 from lidarnaut.benchmarks.arena.plots import NUM_POINTS, draw_bands, draw_growth, render, sample_curves
@@ -28,22 +26,28 @@ from lidarnaut.envs.player import Recording, build_page
 
 MAX_RELATIVE = 3.0
 """Upper end of plot axes for time and distance, as a multiple of the reference policy's value."""
-COLORS = "Colours: time of first observation of a cell. Red: true walls."
 
 
 def curves_section(folder: Path, episodes: Episodes) -> Section:
-    """Return a report section with curves of task progress over time and distance.
+    """Return a report section with curves of task progress over time and distance, which are relative if pooled.
 
     Tasks with a threshold also get performance profiles.
     """
     measures, reference, label = episodes.measures, short(episodes.reference), episodes.measures.label
-    curves = _relative_curves(folder, episodes)
-    unit, end = (f"{reference}'s to {measures.mark}", MAX_RELATIVE) if measures.marks else ("the limit", 1.0)
-    text = "Times and distances are relative to "
-    text += f"those of {reference} to 95 % from the same start" if measures.marks else "the limits of each start"
-    few = few_starts(len(set(map(start_of, episodes))))
-    text += f". Bands are 95 % intervals{few}; the dotted curve is the ground-truth bound."
-    figures = curve_figures("curves_{}", curves, label, ", as a share of " + unit, end)
+    is_pooled = len(set(map(case_of, episodes))) > 1
+    curves = _read_curves(folder, episodes, is_pooled)
+    units, end = {"time": " [s]", "distance": " [m]"}, None
+    text = f"Bands are 95 % intervals{few_starts(len(set(map(start_of, episodes))))}; the dotted curve is the bound."
+    if is_pooled:
+        whole, end = (f"{reference}'s to {measures.mark}", MAX_RELATIVE) if measures.marks else ("the limit", 1.0)
+        units = dict.fromkeys(units, f", as a share of {whole}")
+        text = f"Times and distances are shares of {whole} for the same start. {text}"
+    figures = []
+    few = few_starts(min((sum(map(len, strata)) for strata in curves.values()), default=0))
+    for name, field, words in (("time", "time", "time"), ("distance", "path_length", "the distance driven")):
+        picture = render(draw_bands, *sample_curves(curves, field, end), name + units[name], label, True)
+        caption = f"{label.capitalize()} over {words}, with 95 % intervals{few}."
+        figures.append(Figure(f"curves_{name}", picture, caption))
     if not measures.marks:
         return Section("Curves", (text, *figures))
 
@@ -61,28 +65,11 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
     return Section("Curves and performance profiles", (text, *figures))
 
 
-def curve_figures(
-    name: str,
-    curves: Mapping[str, Sequence[Sequence[ProgressCurve]]],
-    label: str,
-    unit: str = "",
-    end: float | None = None,
-) -> list[Figure]:
-    over = {"time": ("time", "time", " [s]"), "distance": ("path_length", "the distance driven", " [m]")}
-    figures = []
-    for quantity, (field, words, si) in over.items():
-        picture = render(draw_bands, *sample_curves(curves, field, end), quantity + (unit or si), label, True)
-        few = few_starts(min((sum(map(len, strata)) for strata in curves.values()), default=0))
-        caption = f"{label.capitalize()} over {words}, with 95 % intervals{few}."
-        figures.append(Figure(name.format(quantity), picture, caption))
-    return figures
-
-
-def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[ProgressCurve]]]:
-    references, marks = episodes.by_start(episodes.reference), episodes.measures.marks
+def _read_curves(folder: Path, episodes: Episodes, are_relative: bool) -> dict[str, list[list[ProgressCurve]]]:
+    references, marks = episodes.by_start(episodes.reference), episodes.measures.marks if are_relative else ()
     curves: dict[str, dict[Case, list[ProgressCurve]]] = {}
     for row in episodes:
-        units = {"time_limit": row["time_limit"], "distance_limit": row["distance_limit"]}
+        units = {name: row[name] if are_relative else 1.0 for name in ("time_limit", "distance_limit")}
         if marks:
             same_start = references.get(start_of(row))
             if same_start is None or any(same_start[mark.name] <= 0.0 for mark in marks):
@@ -110,12 +97,13 @@ def gallery_section(folder: Path, episodes: Episodes) -> Section:
         figures = []
         for kind, row in zip(("typical", "worst"), episodes.typical_and_worst(policy)):
             caption = f"{short(policy)}, {kind}: {episodes.place(row)}: {story(row, episodes.measures)}"
-            picture = render(draw_growth, {policy: Trace.load(trace_path(folder, row))})
+            picture = render(draw_growth, policy, Trace.load(trace_path(folder, row)))
             figures.append(Figure(f"{kind}_{slug(policy)}", picture, caption, is_wide=True))
         strips.append(Section(short(policy), tuple(figures)))
     text = (
         f"For each policy, the episodes with the median and the worst {episodes.measures.headline.label} over all "
-        f"worlds. The last image of a strip is the final map. {COLORS}"
+        "worlds. The last image of a strip is the final map. Colours: time of first observation of a cell. Red: true "
+        "walls."
     )
     return Section("Typical and worst episodes", (text, *strips))
 
@@ -142,35 +130,3 @@ def players_section(folder: Path, episodes: Episodes) -> Section | None:
         f"next to {short(reference)} from the same start."
     )
     return Section("Episodes to play", (text, Table(("", "typical", "worst"), lines)))
-
-
-def case_sections(
-    folder: Path, case: str, episodes: Episodes, estimates: Mapping[str, Mapping[str, Estimate]]
-) -> list[Section]:
-    measures, seed, place = episodes.measures, episodes.rows[0]["seed"], slug(case)
-    traces = {one: [Trace.load(trace_path(folder, row)) for row in episodes.of(one)] for one in episodes.policies}
-    curves = {policy: [[trace.curve for trace in some]] for policy, some in traces.items()}
-    firsts, growth, maps = {policy: some[0] for policy, some in traces.items()}, [], []
-    if any(len(np.unique(one.known_since[np.isfinite(one.known_since)])) > 1 for one in firsts.values()):
-        caption = f"All from the same start. {COLORS}"
-        figure = Figure(f"growth_{place}", render(draw_growth, firsts), caption, is_wide=True)
-        growth = [Section(f"Growth of the maps (seed {seed})", (figure,), 3)]
-    for policy, trace in firsts.items():
-        row = episodes.of(policy)[0]
-        start = "" if row["seed"] == seed else f"seed {row['seed']}: "
-        caption = f"{policy}: {start}{story(row, measures)}"
-        maps.append(Figure(f"map_{place}_{slug(policy)}", render(draw_growth, {policy: trace}, 1), caption))
-    label = measures.label
-    pairs = pairs_section(episodes, measures.compared)
-    parts = pairs.parts if pairs else ("There is no other policy to compare with.",)
-    return [
-        Section(case, ()),
-        Section(
-            f"{label.capitalize()} over time and distance", (*curve_figures(f"curves_{place}_{{}}", curves, label),), 3
-        ),
-        Section("All measures", (measures_table(estimates, measures.all),), 3),
-        Section("Pair by pair", parts, 3),
-        unfinished_section(episodes)._replace(level=3),
-        *growth,
-        Section(f"Final maps (seed {seed})", tuple(maps), 3),
-    ]

@@ -5,7 +5,7 @@ import html
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jinja2
 import rich.table
@@ -78,7 +78,6 @@ class Section(NamedTuple):
 
     title: str
     parts: "tuple[Part, ...]"
-    level: int = 2
 
 
 class Markdown(str):
@@ -88,11 +87,11 @@ class Markdown(str):
 Part = str | Table | Figure | Frame | Section
 
 
-def to_html(sections: Sequence[Section], **more: Any) -> str:
-    """Render report sections as one HTML file with embedded images; `more` are variables of the template."""
+def to_html(sections: Sequence[Section], title: str) -> str:
+    """Render report sections as one HTML file with embedded images."""
     folder = jinja2.FileSystemLoader(Path(__file__).parent)
     template = jinja2.Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    return template.get_template("report.html").render(sections=sections, **more)
+    return template.get_template("report.html").render(sections=sections, title=title)
 
 
 def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, folder: Path) -> None:

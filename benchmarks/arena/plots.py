@@ -57,8 +57,8 @@ NUM_POINTS = 200
 MAX_SHARE = 1.6
 """Upper end of the axis for times relative to the reference policy. Slower policies are drawn at the edge."""
 
-Extent = tuple[float, float, float, float]
-"""Plot limits (x_min, x_max, y_min, y_max), world frame [m]."""
+NUM_MOMENTS, MAP_WIDTH = 4, 2.4
+"""Number of maps in a figure of an episode, and the width of each [inch]."""
 Bands = Mapping[str, Band]
 
 
@@ -156,38 +156,32 @@ def draw_values(
     return figure
 
 
-def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
-    """Plot the maps of several policies over time: one row per policy, one column per time.
+def draw_growth(policy: str, trace: Trace) -> Figure:
+    """Plot a map at `NUM_MOMENTS` times, the last one at the end of the episode.
 
     Free cells are coloured by the time of first observation, and overlaid with true walls.
     """
-    shapes = [part for one in traces.values() for part in (one.segments.reshape(-1, 2), one.circles[:, :2])]
-    low, high = (np.concatenate(shapes).min(axis=0) - 0.3).tolist(), (np.concatenate(shapes).max(axis=0) + 0.3).tolist()
-    extent = low[0], high[0], low[1], high[1]
-    ends = [float(trace.curve.time[-1]) for trace in traces.values()]
-    moments = np.geomspace(max(ends), max(min(min(ends) / 2, max(ends) / 8), 0.1), num_moments)[::-1]
-    aspect, width = (extent[3] - extent[2]) / (extent[1] - extent[0]), 5.0 if num_moments == 1 else 2.4
-    height = min(max(aspect, 0.4), 2.0) * width
-    figure = Figure(figsize=(num_moments * width + 0.3, len(traces) * (height + 0.3)), dpi=110)
-    for row, (policy, trace) in zip(figure.subplots(len(traces), num_moments, squeeze=False), traces.items()):
-        end = trace.curve.time[-1]
-        last = int(np.argmax(moments >= end))
-        for axes, moment in zip(row[: last + 1], (*moments[:last], end)):
-            draw_map(axes, trace, moment, max(ends), extent)
-            share = float(np.interp(moment, trace.curve.time, trace.curve.progress))
-            axes.set_title(f"{'end, ' if moment == end else ''}{moment:.0f} s: {100 * share:.0f} %", fontsize=9, pad=3)
-        for axes in row[last + 1 :]:
-            show_only(axes, extent, PAPER)
-        row[0].set_ylabel(short(policy), fontsize=10)
+    shapes = np.concatenate((trace.segments.reshape(-1, 2), trace.circles[:, :2]))
+    (x_min, y_min), (x_max, y_max) = (shapes.min(axis=0) - 0.3).tolist(), (shapes.max(axis=0) + 0.3).tolist()
+    height = min(max((y_max - y_min) / (x_max - x_min), 0.4), 2.0) * MAP_WIDTH
+    figure = Figure(figsize=(NUM_MOMENTS * MAP_WIDTH + 0.3, height + 0.3), dpi=110)
+    row, end = figure.subplots(1, NUM_MOMENTS), float(trace.curve.time[-1])
+    for axes, moment in zip(row, end * np.geomspace(1 / 8, 1.0, NUM_MOMENTS)):
+        draw_map(axes, trace, moment)
+        share = float(np.interp(moment, trace.curve.time, trace.curve.progress))
+        axes.set(xlim=(x_min, x_max), ylim=(y_min, y_max), aspect="equal", xticks=[], yticks=[], facecolor=UNKNOWN)
+        axes.set_title(f"{'end, ' if moment == end else ''}{moment:.0f} s: {100 * share:.0f} %", fontsize=9, pad=3)
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+    row[0].set_ylabel(short(policy), fontsize=10)
     return figure
 
 
-def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent) -> None:
-    """Draw the map known at `moment` [s], with path and true walls; `end` is the last time of the colour scale [s]."""
-    since = trace.known_since
-    known = since <= moment
-    picture = np.full((*since.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
-    picture[known] = TIMES(np.sqrt(since[known] / max(end, 1e-9)))
+def draw_map(axes: Axes, trace: Trace, moment: float) -> None:
+    """Draw the map known at `moment` [s], with path and true walls."""
+    known = trace.known_since <= moment
+    picture = np.full((*known.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
+    picture[known] = TIMES(np.sqrt(trace.known_since[known] / max(float(trace.curve.time[-1]), 1e-9)))
     picture[known & trace.grid.occupied] = to_rgba(INK)
     x_min, y_min, x_max, y_max = trace.grid.bounds
     image = axes.imshow(picture, origin="lower", extent=(x_min, x_max, y_min, y_max), interpolation="auto")
@@ -202,10 +196,3 @@ def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent
     axes.plot(*trail.T, color=INK, linewidth=1.0)
     axes.plot(*trail[0], marker="o", markersize=4, color=PAPER, markeredgecolor=INK)
     axes.plot(*trail[-1], marker="o", markersize=4.5, color=ERROR, markeredgecolor=PAPER)
-    show_only(axes, extent, UNKNOWN)
-
-
-def show_only(axes: Axes, extent: Extent, background: str) -> None:
-    axes.set(xlim=extent[:2], ylim=extent[2:], aspect="equal", xticks=[], yticks=[], facecolor=background)
-    for spine in axes.spines.values():
-        spine.set_visible(False)

@@ -11,11 +11,10 @@ from rich.console import Console
 from lidarnaut.agents.policy_names import short
 from lidarnaut.agents.run_folder import write_table
 from lidarnaut.benchmarks.arena import leaderboard, overview
-from lidarnaut.benchmarks.arena.episodes import Episodes, Summary
+from lidarnaut.benchmarks.arena.episodes import Episodes, Summary, start_of
 from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key
-from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
+from lidarnaut.benchmarks.arena.page import Cell, Section, Table, to_html, to_terminal, write_markdown
 from lidarnaut.benchmarks.arena.runner import Evaluation
-from lidarnaut.benchmarks.arena.settings import estimator_of
 from lidarnaut.benchmarks.arena.verdict import verdict_section
 from lidarnaut.benchmarks.arena.workers import NOT_RUN, Result
 from lidarnaut.envs.command_line import make_console
@@ -71,27 +70,18 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
     Raises:
         ValueError: if no episode is finished.
     """
-    folder, settings, measures = evaluation.folder, evaluation.settings, evaluation.measures
+    folder, measures = evaluation.folder, evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)
     if not episodes:
         raise ValueError(f"{folder} holds no episode yet")
-    axis_rows, cases, summary = evaluation.slam_axis_rows(), episodes.by_case(), episodes.summary()
+    summary = episodes.summary()
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
-    everything = Episodes({Key.of(row): row for row in (*episodes, *axis_rows)}.values(), measures)
-    has_more = len(cases) > 1 or axis_rows or evaluation.missing() or docs
-    sections = _leaderboard(evaluation, episodes, everything, command) if has_more else []
-    report = list(filter(None, (*sections[:1], overview.players_section(folder, episodes), *sections[1:])))
-    for case, here in cases.items() if settings.world_sections else ():
-        estimates = {policy: summary[policy][case] for policy in here.policies}
-        for section in overview.case_sections(folder, case, here, estimates):
-            report.append(section)
-            for figure in section.parts:
-                if isinstance(figure, Figure):
-                    write_file(folder / f"{figure.name}.png", figure.content)
-    title = f"Evaluation of {settings.id}"
-    write_file(folder / "report.html", to_html(report, title=title, facts=_facts(evaluation, episodes)))
-    if sections:
-        write_markdown("The arena", TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
+    everything = Episodes({Key.of(row): row for row in (*episodes, *evaluation.slam_axis_rows())}.values(), measures)
+    sections = _sections(evaluation, episodes, everything, command)
+    players = overview.players_section(folder, episodes)
+    report = [*sections[:1], *([players] if players else []), *sections[1:]]
+    write_file(folder / "report.html", to_html(report, title=f"Evaluation of {evaluation.settings.id}"))
+    write_markdown("The arena", TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
         write_markdown("The arena", TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
         write_table(docs / "arena" / "episodes.csv", everything.rows)
@@ -103,15 +93,14 @@ def to_json(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {k: to_json(v) if isinstance(v, dict) else dict(zip(names, v)) for k, v in summary.items()}
 
 
-def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episodes, command: str) -> list[Section]:
-    folder, measures = evaluation.folder, evaluation.measures
-    sections: list[Section | None] = []
-    if fair := episodes.shared().related():
+def _sections(evaluation: Evaluation, episodes: Episodes, everything: Episodes, command: str) -> list[Section]:
+    fair, sections = episodes.shared().related(), list[Section | None]()
+    if fair:
         sections = [
             verdict_section(fair),
             *leaderboard.ranking_sections(fair),
-            overview.curves_section(folder, fair),
-            leaderboard.pairs_section(fair, measures.gaps),
+            overview.curves_section(evaluation.folder, fair),
+            leaderboard.pairs_section(fair),
             leaderboard.measures_section(fair),
         ]
     sections += [
@@ -120,7 +109,7 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
         leaderboard.worlds_section(episodes),
         leaderboard.unfinished_section(episodes),
         _missing_section(evaluation.missing(), len(episodes), len(fair)),
-        overview.gallery_section(folder, episodes),
+        overview.gallery_section(evaluation.folder, episodes),
         _origin_section(evaluation, command),
     ]
     return list(filter(None, sections))
@@ -139,7 +128,7 @@ def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) ->
 
 
 def _origin_section(evaluation: Evaluation, command: str) -> Section:
-    facts = evaluation.settings.model_dump(mode="json", exclude={"policies", "worlds", "world_sections"})
+    facts = evaluation.settings.model_dump(mode="json", exclude={"policies", "worlds"})
     versions = read_json(evaluation.folder / SETTINGS_FILE)["versions"]
     parts = (
         f"Command: {command}",
@@ -149,39 +138,21 @@ def _origin_section(evaluation: Evaluation, command: str) -> Section:
     return Section("How it was made", parts)
 
 
-def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
-    settings = evaluation.settings
-    columns = {name: name for name in ("robot", "physics", "people")} | {estimator_of(settings.id) or "slam": "slam"}
-    seeds = [row["seed"] for row in episodes]
-    return {
-        "environment": settings.id,
-        **settings.arguments,
-        **{name: ", ".join(dict.fromkeys(row[column] for row in episodes)) for name, column in columns.items()},
-        "episodes": len(episodes),
-        "seeds": f"{min(seeds)} to {max(seeds)}",
-    }
-
-
-def print_results(evaluation: Evaluation, summary: Summary, messages: Console, all: bool = False) -> None:
-    """Print a table per world, the leaderboard over several worlds, and the path of the report.
-
-    `all` prints all measures.
-    """
+def print_results(evaluation: Evaluation, messages: Console) -> None:
+    """Print the leaderboard, a short table of the worlds if there are several, and the path of the report."""
     console, report, measures = make_console(), printable(evaluation.folder / "report.html"), evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)
-    cases = episodes.by_case()
-    for case, here in cases.items() if evaluation.settings.world_sections else ():
-        estimates = {policy: summary[policy][case] for policy in here.policies}
-        table = leaderboard.measures_table(estimates, measures.all if all else measures.brief)
-        number = max(len(here.of(policy)) for policy in here.policies)
-        console.print(to_terminal(table, f"{case}, {number} episodes"))
-    if len(cases) > 1 or not evaluation.settings.world_sections:
-        fair = episodes.shared().related()
-        printed = (measures.headline, *measures.relative[:1], *(measures.reached or (SUCCESS,)))
-        unseen = "Worlds or robots not used in training"
-        for title, part in {unseen: fair.unseen(), "All worlds": fair}.items():
-            if part:
-                console.print(to_terminal(leaderboard.ranking_table(part, printed), title))
+    fair = (episodes.shared() or episodes).related()
+    shown, has_worlds = measures.brief, len(episodes.by_case()) > 1
+    if has_worlds:
+        shown = (measures.headline, *measures.relative[:1], *(measures.reached or (SUCCESS,)))
+    number = len(set(map(start_of, fair)))
+    for title, part in {"Worlds or robots not used in training": fair.unseen(), f"All {number} starts": fair}.items():
+        if part:
+            console.print(to_terminal(leaderboard.ranking_table(part, shown), title))
+    text, table = leaderboard.worlds_section(episodes).parts
+    if has_worlds and isinstance(table, Table) and not table.is_folded:
+        console.print(to_terminal(table, f"World by world: {str(text).partition('.')[0]}"))
     if missing := evaluation.missing():
         messages.print(f"{len(missing)} of the episodes are missing; {report} says why.", markup=False)
     messages.print(

@@ -133,8 +133,6 @@ class Settings(Section):
     `20?attentive=0.5,model=orca`; `usual` is the environment's default."""
     time_limit: PositiveFloat | None = None
     """Time limit of an episode [s]; null for a limit that grows with the world."""
-    world_sections: bool = True
-    """Whether the report has curves, maps and tables of every world."""
     slam_axis: SlamAxis = SlamAxis()
     """Additional comparison of SLAM algorithms."""
 

@@ -58,5 +58,5 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
                 traces[policy] = Trace.load(trace_path(evaluation.folder, rows[0]))
     grid, bands = sample_curves(curves, "time")
     write_file(pictures / "progress.png", render(draw_bands, grid, bands, "time [s]", "explored"))
-    write_file(pictures / "map.png", render(draw_growth, dict([next(iter(traces.items()))])))
+    write_file(pictures / "map.png", render(draw_growth, *next(iter(traces.items()))))
     return figures

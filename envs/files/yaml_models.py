@@ -33,8 +33,6 @@ _adapter = cache(TypeAdapter)
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
     """YAML loader that reads 3e-4 as a number, rejects duplicate keys and limits the size."""
 
-    num_merged = 0
-
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
         for name, count in names.items():
@@ -43,19 +41,18 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
                 raise yaml.constructor.ConstructorError(None, None, f"key {SHORT.repr(name)} occurs twice", mark)
         return super().construct_mapping(node, deep)
 
-    def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        # Called once per use of a merge key, before copying.
-        super().flatten_mapping(node)
-        self.num_merged += len(node.value)
-        if self.num_merged > MAX_VALUES:
-            raise ValueError(f"more than {MAX_VALUES:,} values, aliases counted each time")
-
     def construct_scalar(self, node: yaml.ScalarNode) -> Any:
         if node.tag.endswith((":int", ":float")) and (size := len(node.value)) > MAX_DIGITS:
             raise ValueError(f"number of {size:,} characters; at most {MAX_DIGITS} are allowed")
         return super().construct_scalar(node)
 
+    def construct_integer(self, node: yaml.ScalarNode) -> int:
+        if not -(2**63) <= (value := int(self.construct_yaml_int(node))) < 2**63:
+            raise ValueError(f"integer {value} has more than 64 bits")
+        return value
 
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_integer)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d[\d_]*(\.\d*)?|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
 )
@@ -77,7 +74,6 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
         text = content.decode()
         _check_size(text)
         values = yaml.load(text, _Loader)
-        _count_values(values, {})
     except Exception as error:  # many types for invalid values
         raise ValueError(f"{path}: not readable as YAML: {printable(' '.join(str(error).split()))}") from error
     return _checked_mapping(values, str(path))
@@ -99,28 +95,21 @@ def read_json(path: str | Path) -> dict[str, Any]:
 
 
 def _check_size(text: str) -> None:
-    depth = count = 0
+    counts, anchors, sizes = [0], list[str | None](), dict[str | None, int]()
     for event in yaml.parse(text, _Loader):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        count += isinstance(event, yaml.NodeEvent)
-        if depth > MAX_DEPTH:
+        if isinstance(event, yaml.CollectionStartEvent):
+            counts.append(1)
+            anchors.append(event.anchor)
+            sizes[event.anchor] = MAX_VALUES + 1  # of an alias inside itself
+        elif isinstance(event, yaml.CollectionEndEvent):
+            sizes[anchors.pop()] = size = counts.pop()
+            counts[-1] += size
+        elif isinstance(event, yaml.NodeEvent):
+            counts[-1] += sizes.get(event.anchor, 1) if isinstance(event, yaml.AliasEvent) else 1
+        if len(anchors) > MAX_DEPTH:
             raise ValueError(f"nested deeper than {MAX_DEPTH} levels")
-        if count > MAX_VALUES:
-            raise ValueError(f"more than {MAX_VALUES:,} values")
-
-
-def _count_values(value: Any, counts: dict[int, int]) -> int:
-    if isinstance(value, int) and not -(2**63) <= value < 2**63:
-        raise ValueError(f"integer {value} has more than 64 bits")
-    if not isinstance(value, dict | list):
-        return 1
-    if id(value) not in counts:
-        counts[id(value)] = MAX_VALUES  # for self-references
-        inside = value.values() if isinstance(value, dict) else value
-        counts[id(value)] = 1 + sum(_count_values(one, counts) for one in inside)
-    if counts[id(value)] > MAX_VALUES:
-        raise ValueError(f"more than {MAX_VALUES:,} values, aliases counted each time")
-    return counts[id(value)]
+        if counts[-1] > MAX_VALUES:
+            raise ValueError(f"more than {MAX_VALUES:,} values, aliases counted each time")
 
 
 def read_record(path: str | Path, kind: type[Record]) -> Record:

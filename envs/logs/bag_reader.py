@@ -50,16 +50,6 @@ def _bounded(make_decompressor: Callable[[], Any]) -> Callable[..., bytes]:
     return unpack
 
 
-def _tolerant(parse: Callable[[Any], Any], default: Any) -> Any:
-    def parse_or_default(content: Any) -> Any:
-        try:
-            return parse(content)
-        except Exception:  # many types
-            return default
-
-    return parse_or_default
-
-
 def _copy_of(module: str) -> Any:
     """Return a copy of a module, whose functions may be replaced without effect on other readers of the process."""
     spec: Any = importlib.util.find_spec(module)
@@ -72,9 +62,10 @@ _lz4, _zstd = _bounded(LZ4FrameDecompressor), _bounded(rosbag2.reader.zstd.ZstdD
 _rosbag1, _mcap = _copy_of("rosbags.rosbag1.reader"), _copy_of("rosbags.rosbag2.storage_mcap")
 _rosbag1.decompressors.update(bz2=_bounded(bz2.BZ2Decompressor), lz4=_lz4)
 _mcap.DECOMPRESSORS.update(lz4=_lz4, zstd=_zstd)
-# Topics that are not needed may have schemas of other kinds (JSON), binary ones (Protobuf), or damaged metadata.
+# Definitions in bags are not used, as they may be missing, broken, binary (Protobuf) or of other kinds (JSON): the
+# needed types are the same in all releases of ROS.
 _UNDEFINED, _read_text = MessageDefinition(MessageDefinitionFormat.NONE, ""), _mcap.read_bytes
-_mcap.get_msgdef, _mcap.get_qos = _tolerant(_mcap.get_msgdef, _UNDEFINED), _tolerant(_mcap.get_qos, [])
+_mcap.get_msgdef, _mcap.get_qos = lambda *_: _UNDEFINED, lambda *_: []
 _mcap.read_string = lambda bio: _read_text(bio).decode(errors="replace")
 _McapReader: Any = _mcap.McapReader
 
@@ -133,7 +124,6 @@ def _types_of_ros1() -> Any:
     return store
 
 
-# Definitions in bags are not used, as they may be missing or broken: these types are the same in all releases of ROS.
 _DECODERS: dict[str, Callable[[bytes, str], Any]] = {
     "cdr": lambda raw, kind: typestore().deserialize_cdr(raw, kind),
     "ros1": lambda raw, kind: _types_of_ros1().deserialize_ros1(raw, kind),

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lidarnaut.benchmarks.arena import overview
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.benchmarks.arena.trace import Recorder
@@ -26,11 +27,15 @@ WORLD = "turtlebot3_world"
 BRIEF = ("--episodes", "2", "--physics", "kinematic", "--time-limit", "4")
 
 
-def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, no_overview):
-    options = "--episodes 2 --physics kinematic --time-limit 4 --json --policies random nearest --worlds"
-    assert main([*options.split(), WORLD, "--out", str(tmp_path)]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert summary == json.loads((tmp_path / "summary.json").read_text())
+def test_the_command_leaves_table_summary_and_the_same_report_for_one_world_or_two(tmp_path, capsys, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(overview, "render", lambda draw, *arguments: drawn.append((draw.__name__, *arguments)) or b"")
+    options = ["--policies", "random", "nearest", *BRIEF, "--out", str(tmp_path), "--worlds", WORLD]
+    assert main(options) == 0
+    printed = capsys.readouterr().out
+    assert all(f"{measure.title} " in printed for measure in MEASURES.brief)
+    check_report(tmp_path)
+    summary = json.loads((tmp_path / "summary.json").read_text())
     assert {policy: list(worlds) for policy, worlds in summary.items()} == {"random": [WORLD], "nearest": [WORLD]}
     for measures in (summary["random"][WORLD], summary["nearest"][WORLD]):
         assert list(measures) == [measure.name for measure in MEASURES.all]
@@ -40,36 +45,35 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
             assert value["n"] == 2
     never = {"iqm": 4.0, "low": 4.0, "high": 4.0, "n": 2, "never": 2}
     assert summary["random"][WORLD]["time_to_99"] == never
-    pictures = ("curves_{}_time", "curves_{}_distance", "growth_{}", "map_{}_random", "map_{}_nearest")
-    assert {path.stem for path in tmp_path.glob("*.png")} == {name.format(WORLD) for name in pictures}
     rows = read_rows(tmp_path)
     assert len(rows) == 4
     assert {row["time_to_99"] for row in rows} == {row["distance_to_95"] for row in rows} == {"inf"}
-    assert "never<small>&gt; 4 s</small>" in (tmp_path / "report.html").read_text()
 
     # With one more world and a lost row, only these episodes are run, and the lost row is reproduced.
     table = (tmp_path / "episodes.csv").read_text().splitlines(keepends=True)
     (tmp_path / "episodes.csv").write_text("".join(table[:-1]))
-    assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "maze", "--out", str(tmp_path)]) == 0
+    assert main([*options, "maze"]) == 0
     printed = capsys.readouterr().out
-    assert "maze, 2 episodes" in printed
-    assert all(printed.count(f"{measure.title} ") >= 2 for measure in MEASURES.brief)
-    assert "map IoU" not in printed
-    assert main([*BRIEF, "--policies", "random", "--worlds", WORLD, "--out", str(tmp_path), "--report", "--all"]) == 0
-    assert "map IoU" in capsys.readouterr().out
-    assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "maze", "--out", str(tmp_path)]) == 0
+    assert re.search(rf"World by world: Time to 95 % \[s\](.|\n)* {WORLD} +never .*\n maze ", printed)
+    assert "path m" not in printed
     again = read_rows(tmp_path)
     assert len(again) == 8
     assert again[:3] == rows[:3]
     assert deterministic(again[3:4]) == deterministic(rows[3:])
+    check_report(tmp_path)
+    curves = [(one[1][-1], one[3]) for one in drawn if one[0] == "draw_bands"]
+    assert curves[0] == (4.0, "time [s]")
+    assert curves[-4] == (3.0, "time, as a share of nearest's to 95 %")
 
-    report = (tmp_path / "report.html").read_text()
+
+def check_report(folder):
+    report, page = (folder / "report.html").read_text(), (folder / "leaderboard.md").read_text()
     Balanced().feed(report)
-    assert "<h2>Leaderboard</h2>" in report
-    world = report[report.index(f"<h2>{WORLD}</h2>") : report.index("<h2>maze</h2>")]
-    for text in ("<th>time to 90 % s</th>", "<th>better than nearest</th>", "time ran out (2)", "random: ", "map IoU"):
-        assert text in world, text
-    assert world.count("<figure") == 2 + 1 + 2
+    titles = re.findall(r"<h2>(.+)</h2>", report)
+    assert titles == re.findall(r"(?m)^## (.+)", page)
+    assert titles[1:5] == ["Leaderboard", "Curves and performance profiles", "Pair by pair", "All other measures"]
+    assert "never<small>&gt; 4 s</small>" in report
+    assert report.count("<figure") == page.count("![") == 4 + 2 * 2
     assert not re.search(r'(src|href|srcset)="(?!data:image/)', report)
 
 

@@ -32,7 +32,7 @@ def test_explorers_and_policies_of_a_users_module_enter_the_arena_which_logs_pro
     # In another process with two workers, which log as well: the module is found in the current folder.
     command = [sys.executable, str(ROOT / "evaluate.py"), "--policies", *policies, "--worlds", "turtlebot3_world", "-v"]
     options = ["--episodes", "1", "--physics", "kinematic", "--time-limit", "12", "--jobs", "2", "--out", "out"]
-    done = subprocess.run([*command, *options, "--no-world-sections"], capture_output=True, text=True, check=False)
+    done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     said = r"lidarnaut.baselines.episode: NearestExplorer, seed 0, 10 s: explored_fraction 0\.\d{3}, goal \[.*\], "
     assert len(re.findall(said + r"\d+ frontiers, 0 blacklisted", done.stderr)) == 1
@@ -64,7 +64,7 @@ def test_whoever_takes_ground_truth_is_a_bound_in_every_row_and_page(own_folder,
             assert shown.count(name.removesuffix(" (ground truth)")) == shown.count(name) > 3
 
 
-GOALS = ["--id", "lidarnaut/ReachGoal-v0", "--worlds", "rooms", "hall", "--no-world-sections", *BRIEF]
+GOALS = ["--id", "lidarnaut/ReachGoal-v0", "--worlds", "rooms", "hall", *BRIEF]
 
 
 def test_what_observes_ground_truth_or_says_that_it_uses_some_is_a_bound_too(own_folder, no_overview):
@@ -109,7 +109,7 @@ def test_the_objects_themselves_can_be_given_in_python(tmp_path):
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_an_explorer_that_leaves_and_a_slam_that_fails_cost_their_own_episodes_alone(own_folder, capsys, jobs):
     own = ["--policies", "own_explorers:Leaving", "nearest", "--slam", "own_explorers:Failing", "odometry"]
-    options = ["--worlds", "pimouse_arena", "--no-world-sections", "--jobs", jobs, "--out", "out"]
+    options = ["--worlds", "pimouse_arena", "--jobs", jobs, "--out", "out"]
     assert main([*BRIEF, *own, *options]) == 1
     said = " ".join(capsys.readouterr().err.split())
     where = "in pimouse_arena with raspimouse"

@@ -24,7 +24,7 @@ LONG = [[Cell("a"), Cell("1", "0 to 2")]] * (MAX_OPEN_LINES + 1)
 
 def pages_of(folder, *sections):
     write_markdown("T", "See [Evaluation](evaluation.md).", sections, folder / "page.md", folder / "page")
-    return (folder / "page.md").read_text(), to_html(sections, title="T", facts={})
+    return (folder / "page.md").read_text(), to_html(sections, title="T")
 
 
 def test_long_tables_are_folded_or_files_unless_they_stay_open(tmp_path):

@@ -1,12 +1,14 @@
+import re
 import shutil
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from lidarnaut.baselines import EXPLORERS, RandomExplorer
-from lidarnaut.benchmarks.arena.publish import publish
+from lidarnaut.benchmarks.arena.publish import print_results, publish
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.benchmarks.arena.workers import NOT_RUN
@@ -84,7 +86,7 @@ class Fragile(RandomExplorer):
 def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, capsys, no_overview):
     monkeypatch.setitem(EXPLORERS, "fragile", Fragile)
     settings = ["--policies", "fragile", "random", "--worlds", "pimouse_arena", "turtlebot3_dqn_stage1", "--episodes"]
-    settings += ["2", "--physics", "kinematic", "--time-limit", "2", "--no-world-sections", "--out", str(tmp_path)]
+    settings += ["2", "--physics", "kinematic", "--time-limit", "2", "--out", str(tmp_path)]
     assert main(settings) == 1
     said = " ".join(capsys.readouterr().err.split())
     for world in ("pimouse_arena with raspimouse", "turtlebot3_dqn_stage1 with turtlebot3_burger"):
@@ -116,7 +118,7 @@ def test_nothing_is_run_for_a_report(whole, tmp_path, no_overview):
     shutil.copytree(whole.folder, tmp_path, dirs_exist_ok=True)
     table = (tmp_path / "episodes.csv").read_text()
     options = [*OPTIONS, "--worlds", *SETTINGS.worlds, "--episodes", "3"]
-    options += ["--no-world-sections", "--out", str(tmp_path), "--report"]
+    options += ["--out", str(tmp_path), "--report"]
     assert main(options) == 1
     assert (tmp_path / "episodes.csv").read_text() == table
     assert NOT_RUN in (tmp_path / "leaderboard.md").read_text()
@@ -143,14 +145,16 @@ def test_groups_stand_for_their_worlds_and_mistakes_are_named():
             parse_record({"policies": ["nearest"], "worlds": ["maze"]} | data, "mem", Settings)
 
 
-def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path, no_overview):
+def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path, capsys, no_overview):
     shutil.copytree(whole.folder, tmp_path, dirs_exist_ok=True)
     header, *lines = (tmp_path / "episodes.csv").read_text().splitlines()
     kept = [line for line in lines if line.startswith("nearest") == (",0," in line[:60])]
     assert 2 <= len(kept) < len(lines)
     (tmp_path / "episodes.csv").write_text("\n".join([header, *kept]) + "\n")
     publish(Evaluation(SETTINGS, tmp_path))
-    assert "seed 1: " in (tmp_path / "report.html").read_text()
+    print_results(Evaluation(SETTINGS, tmp_path), Console(stderr=True))
+    assert len(re.findall(r"(1\.|2\.) (nearest|random)", capsys.readouterr().out)) == 2
+    assert "World by world" in (tmp_path / "report.html").read_text()
     assert "0 of 4 episodes" in (tmp_path / "leaderboard.md").read_text()
 
 

@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 BRIEF = ["--episodes", "1", "--physics", "kinematic", "--time-limit", "5", "--record"]
 BEND = "[[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]]"
 TRACK = ["--arguments.path", BEND, "--arguments.map-resolution=0.05", "--worlds", "turtlebot3_world"]
-WORLDS = ["--worlds", "pimouse_arena", "--no-world-sections"]
+WORLDS = ["--worlds", "pimouse_arena"]
 CASES = {
     "Explore": (Explore, ["nearest", "random"], WORLDS),
     "Navigate": (Navigate, ["pursuit", "random"], [*WORLDS, "--localizer", "truth"]),

@@ -140,7 +140,7 @@ def test_explorers_of_ones_own_explore_and_enter_the_arena(load, tmp_path):
     assert fractions["largest"] > fractions["circling"]
     policies = [f"own_explorer:{name}" for name in ("largest", "Circling", "ahead", "Chooser")]
     options = ["--worlds", "pimouse_arena", "--episodes", "1", "--physics", "kinematic", "--time-limit", "6"]
-    assert evaluate(["--policies", *policies, *options, "--out", str(tmp_path), "--no-world-sections"]) == 0
+    assert evaluate(["--policies", *policies, *options, "--out", str(tmp_path)]) == 0
     with open(tmp_path / "episodes.csv", newline="") as file:
         lengths = {row["policy"]: float(row["path_length"]) for row in csv.DictReader(file)}
     assert list(lengths) == policies

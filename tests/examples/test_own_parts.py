@@ -69,7 +69,7 @@ def test_train_takes_all_parts_with_an_algorithm_and_evaluate_takes_them_with_th
         options += [f"--arguments.{name}", value]
     options += ["--policies", "own_explorer:largest", f"learned:{run}", "--episodes", "1", "--time-limit", "3"]
     options += ["--trust", "own_algorithm", "own_explorer"]
-    assert evaluate([*options, "--no-world-sections", "--out", "results"]) == 0
+    assert evaluate([*options, "--out", "results"]) == 0
     rows = read_rows(Path("results"))
     assert {row["world"] for row in rows} == {OWN["world"]}
     assert len(rows) == 2
@@ -80,7 +80,7 @@ def test_train_and_evaluate_take_a_task():
     policies = "pursuit", "dwb", f"learned:{run}"
     options = ["--id", TASK, "--policies", *policies, "--physics", "kinematic", "--episodes", "1", "--record"]
     options += ["--arguments.world_size", "[8.0, 8.0]", "--trust", "own_algorithm"]
-    assert evaluate([*options, "--no-world-sections", "--out", "results"]) == 0
+    assert evaluate([*options, "--out", "results"]) == 0
     rows = read_rows(Path("results"))
     assert [row["end_reason"] for row in rows[:2]] == ["reached"] * 2
     assert [(row["policy"], row["world"]) for row in rows] == [(name, "rooms") for name in policies]

@@ -74,6 +74,8 @@ def bomb(first, line, repeats):
         ("a: !!timestamp now", "not readable as YAML"),
         ("".join(f"k{i}: 1\n" for i in range(30_000)) + "k29999: 2", "key 'k29999' occurs twice"),
         ("a: &a [*a]", "more than 500,000 values"),
+        ("a: [*a]", "found undefined alias"),
+        ("a: [" + ", ".join(["[[1, 1, 1, 1], 1]"] * 80_000) + "]", "more than 500,000 values"),
         (bomb("[1, 1, 1]", "[{}]", 10), "more than 500,000 values, aliases counted each time"),
         (bomb("{k: 1, l: 2}", "{{<<: [{}]}}", 10), "more than 500,000 values, aliases counted each time"),
         (bomb("{k: 1, l: 2}", "{{<<: [{}]}}", 1000), "more than 500,000 values, aliases counted each time"),

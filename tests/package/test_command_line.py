@@ -121,7 +121,7 @@ def test_commands_print_their_version(capsys, monkeypatch):
 def test_an_evaluation_goes_on_when_its_reader_has_gone(tmp_path):
     pytest.importorskip("torch", reason="the version of torch is recorded")
     options = "--policies random --worlds pimouse_arena --episodes 1 --physics kinematic --time-limit 1 --out out"
-    command = f"{sys.executable} -m lidarnaut.evaluate_command {options} --no-world-sections"
+    command = f"{sys.executable} -m lidarnaut.evaluate_command {options}"
     line = f"{command} 2>&1 | true; exit ${{PIPESTATUS[0]}}"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True)

@@ -52,7 +52,7 @@ def test_an_id_goes_through_every_door(id, tmp_path, monkeypatch):
     usual = "pursuit" if "Reach" in name else "nearest"
     policies, out = [CLASSIC.get(name, usual), "random", f"LEARNED=learned:{run}"], tmp_path / "out"
     command = ["--id", id, "--policies", *policies, "--episodes", "1", "--physics", "kinematic", "--record"]
-    command += ["--time-limit", "2", "--no-world-sections", "--out", str(out)]
+    command += ["--time-limit", "2", "--out", str(out)]
     options = {"path": "--arguments.path", "map_resolution": "--arguments.map_resolution", "world": "--worlds"}
     for key, option in {**options, "robot": "--robot"}.items():
         command += [option, str(environment[key])] if key in environment else []

@@ -104,7 +104,7 @@ def test_an_evaluation_reads_what_the_command_reads_and_outlives_a_worker(addres
     monkeypatch.syspath_prepend(str(here))
     monkeypatch.setenv("RAY_TEST_MARKER", str(top / "marker"))
     command = ["--policies", "nearest", "ray_explorers:Mine", "--worlds", "mine=room.yaml", "map=../maps/m.yaml"]
-    command += ["--episodes", "1", "--physics", "kinematic", "--time-limit", "4", "--record", "--no-world-sections"]
+    command += ["--episodes", "1", "--physics", "kinematic", "--time-limit", "4", "--record"]
     assert evaluate.main([*command, "--out", "a"]) == 0
     (top / "marker").write_text(str(os.getpid()))
     assert evaluate.main([*command, "--out", "b", "--ray", address]) == 0, capsys.readouterr().err
