@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.benchmarks.drives.recording import Row, run_each
+from lidarnaut.benchmarks.drives.recording import PERIOD, Row, run_each
 from lidarnaut.driver import Driver
 from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.command_line import Count
@@ -20,7 +20,6 @@ from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.coverage import Coverage
 
 WORLD, ROBOT, EXPLORER, TARGET, MAX_TIME = "turtlebot3_house", "turtlebot3_burger", "pursuit", 0.95, 900.0
-PERIOD = 0.1
 
 
 class Link(NamedTuple):

@@ -87,7 +87,7 @@ def localize(
     start = None if start_std is None else Pose2D(*drive.truth[0].tolist())
     covariance = None if start_std is None else np.diag(np.square(start_std))
     amcl.reset(np.random.default_rng(seed), start, grid, covariance)
-    return track(amcl, drive, "fit", "is_corrected", "num_particles")
+    return track(amcl, drive, "is_corrected", "num_particles")
 
 
 @lru_cache(maxsize=4)

@@ -15,8 +15,8 @@ os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # keeps standard outpu
 _INVISIBLE_DRIVERS = ("dummy", "offscreen")
 
 
-def open_window(title: str, size: tuple[int, int]) -> Any:
-    """Open a `pygame.Window` of `size` (width, height) [px]; RuntimeError without display and `SDL_VIDEODRIVER`."""
+def _open_window(title: str) -> Any:
+    """Open a `pygame.Window` of the size of pictures; RuntimeError without display and `SDL_VIDEODRIVER`."""
     import pygame
 
     was_on = pygame.display.get_init()
@@ -31,7 +31,7 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
             f"cannot open a window: {error}; run it in a desktop session (DISPLAY or WAYLAND_DISPLAY set), draw with "
             "render_mode='rgb_array', or set SDL_VIDEODRIVER=dummy for an invisible window"
         ) from error
-    return pygame.Window(title, size)
+    return pygame.Window(title, SIZE)
 
 
 class Renderer:
@@ -63,7 +63,7 @@ class Renderer:
             pixels = pygame.image.tobytes(self._picture.paint(scene), "RGB")
             return np.frombuffer(pixels, dtype=np.uint8).reshape(SIZE[1], SIZE[0], 3).copy()
         if self._window is None:
-            self._window = open_window(title, SIZE)
+            self._window = _open_window(title)
             self._clock = pygame.Clock()
         self._window.title = title
         self._window.get_surface().blit(self._picture.paint(scene), (0, 0))
