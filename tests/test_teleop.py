@@ -22,19 +22,26 @@ from lidarnaut.envs.teleop import Teleop, main
 from lidarnaut.envs.worlds import load_map, save_map
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "start": "spawn"}
-MAP_PANEL, INSET, MESSAGE = np.s_[648:1264, 108:680], np.s_[656:816, 116:276], np.s_[640:, 740:]
-"""Parts of the picture: the map, the tested poses, and the text at the bottom."""
+MAP_PANEL, INSET = np.s_[648:1264, 108:680], np.s_[656:816, 116:276]
+"""Parts of the picture: the map, and the tested poses."""
 
 
 class Driver:
     def __init__(self, path, task=Explore, **arguments):
         self.env = LidarEnv(task, **QUICK, **arguments or {"slam": "truth"})
         self.teleop = Teleop(self.env, path, seed=0)
+        self.teleop.renderer.fps = 0  # as fast as possible
         pygame.event.clear()
 
+    def shows(self, part, colour):
+        """Return whether a color is in a part of the picture."""
+        surface = self.teleop.renderer._window.get_surface()
+        picture = np.array(pygame.surfarray.array3d(surface)).astype(int)
+        return bool((np.abs(picture[part] - colour).max(axis=-1) < 5).any())
+
     @property
-    def picture(self):
-        return np.array(pygame.surfarray.array3d(self.teleop._window.get_surface())).astype(int)
+    def title(self):
+        return self.teleop.renderer._window.title
 
     def pixel(self, x, y):
         """Return the pixel of a point in the world on the map panel."""
@@ -42,12 +49,13 @@ class Driver:
         return tuple(np.rint(view.pixels(np.array([(x, y)]))[0] + (648, 108)).astype(int).tolist())
 
     def drag(self, key, start, end):
-        """Press the key of a tool, and drag between two pixels; return the picture before the release."""
+        """Press the key of a tool, and drag between two pixels; return the shown path before the release."""
         self.tick(1, up=[key], down=[key])
         pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONDOWN, button=1, pos=start))
         pygame.event.post(pygame.event.Event(pygame.MOUSEMOTION, pos=end))
         self.tick(1)
-        during = self.picture
+        middle = np.s_[start[0] - 2 : end[0] + 3, min(start[1], end[1]) - 2 : max(start[1], end[1]) + 3]
+        during = self.shows(middle, style.PLAN)
         pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONUP, button=1, pos=end))
         self.tick(1)
         return during
@@ -58,6 +66,10 @@ class Driver:
                 pygame.event.post(pygame.event.Event(kind, key=key))
         assert all([self.teleop.tick() for _ in range(steps)])
 
+    def close(self):
+        self.teleop.renderer.close()
+        self.env.close()
+
     @property
     def pose(self):
         return self.env.map_pose.compose(self.env.belief.pose)
@@ -67,10 +79,10 @@ class Driver:
 def driver(tmp_path):
     driver = Driver(tmp_path / "learned.yaml")
     yield driver
-    driver.teleop.close()
+    driver.close()
 
 
-def test_the_robot_drives_while_keys_are_held_unless_they_are_opposite_or_the_focus_is_lost(driver):
+def test_the_robot_drives_while_keys_are_held_unless_they_are_opposite(driver):
     start = driver.pose
     driver.tick(15, down=[pygame.K_UP])
     ahead = start.between(driver.pose)
@@ -85,12 +97,7 @@ def test_the_robot_drives_while_keys_are_held_unless_they_are_opposite_or_the_fo
 
     driver.tick(5, down=[pygame.K_SPACE])
     stopped = driver.pose
-    driver.tick(1)
-    np.testing.assert_allclose(driver.pose, stopped, atol=1e-3)
     driver.tick(5, up=[pygame.K_a, pygame.K_SPACE], down=[pygame.K_w, pygame.K_s])
-    np.testing.assert_allclose(driver.pose, stopped, atol=1e-3)
-    pygame.event.post(pygame.event.Event(pygame.WINDOWFOCUSLOST))
-    driver.tick(5, up=[pygame.K_s])
     np.testing.assert_allclose(driver.pose, stopped, atol=1e-3)
 
 
@@ -98,6 +105,7 @@ def test_m_saves_the_map_and_r_starts_again(driver, tmp_path):
     driver.tick(15, down=[pygame.K_UP])
     learned = driver.env.belief.grid
     driver.tick(1, up=[pygame.K_UP], down=[pygame.K_m])
+    assert f"saved {tmp_path / 'learned.yaml'}" in driver.title
     saved = load_map(tmp_path / "learned.yaml")
     assert saved.data.shape == learned.data.shape
     assert (saved.data == 0).sum() > 1000
@@ -110,10 +118,9 @@ def test_m_saves_the_map_and_r_starts_again(driver, tmp_path):
 
 def test_a_failed_save_is_said_and_does_no_harm(tmp_path):
     driver = Driver(tmp_path / "missing" / "learned.yaml")
-    silent = driver.picture
     driver.tick(1, down=[pygame.K_m])
-    assert (driver.picture[MESSAGE] != silent[MESSAGE]).any()
-    driver.teleop.close()
+    assert "not saved: " in driver.title
+    driver.close()
 
 
 @pytest.mark.parametrize(
@@ -147,11 +154,10 @@ def test_bad_options_are_named(options, culprit):
 def test_c_shows_the_poses_that_the_matcher_tests(tmp_path):
     matching = Driver(tmp_path / "learned.yaml", slam="tinyslam")
     matching.tick(20, down=[pygame.K_c, pygame.K_UP])
-    colours = [(np.abs(matching.picture[INSET] - colour).max(axis=2) < 5).sum() for colour in style.COSTS]
-    assert min(colours) > 10
+    assert all(matching.shows(INSET, colour) for colour in style.COSTS)
     matching.tick(1, up=[pygame.K_c], down=[pygame.K_c])
-    assert not (np.abs(matching.picture[INSET] - style.COSTS[0]).max(axis=2) < 5).any()
-    matching.teleop.close()
+    assert not matching.shows(INSET, style.COSTS[0])
+    matching.close()
 
 
 @pytest.fixture(scope="module")
@@ -166,22 +172,18 @@ def known_map(tmp_path_factory):
 def navigating(known_map, tmp_path):
     driver = Driver(tmp_path / "copy.yaml", Navigate, map=known_map, map_pose="spawn", time_limit=math.inf)
     yield driver
-    driver.teleop.close()
+    driver.close()
 
 
 def test_a_drag_gives_the_pose_estimate_and_l_spreads_the_particles(navigating):
     env = navigating.env
     x, y, _ = env.truths[0].state.pose
-    start = navigating.pixel(x + 0.4, y + 0.3)
-    during = navigating.drag(pygame.K_p, start, (start[0] + 40, start[1] - 40))
-    middle = start[0] + 20, start[1] - 20
-    assert (np.abs(during[middle] - style.ESTIMATED) < 5).all()
-    assert not (np.abs(navigating.picture[middle] - style.ESTIMATED) < 5).all()
-    given = []
+    start, given = navigating.pixel(x + 0.4, y + 0.3), []
     env.set_initial_pose = given.append
-    navigating.drag(pygame.K_p, start, (start[0] + 40, start[1] - 40))
+    assert navigating.drag(pygame.K_p, start, (start[0] + 40, start[1] - 40))
     assert env.map_pose.compose(given[0]) == pytest.approx((x + 0.4, y + 0.3, math.pi / 4), abs=0.02)
     del env.set_initial_pose
+    navigating.drag(pygame.K_p, start, (start[0] + 40, start[1] - 40))
     navigating.tick(20, down=[pygame.K_a])
     assert env.scene().pose_error[0] < 0.1
     navigating.tick(1, up=[pygame.K_a], down=[pygame.K_l])
@@ -190,32 +192,28 @@ def test_a_drag_gives_the_pose_estimate_and_l_spreads_the_particles(navigating):
 
 
 def test_a_drag_gives_a_goal_with_a_heading_and_keys_cancel_it(navigating):
-    env, wanted = navigating.env, Pose2D(-0.55, 1.3, math.pi / 2)
-    shown = navigating.picture[MAP_PANEL]
-    assert not (np.abs(shown - style.FRONTIER).max(axis=2) < 5).any(), "no goal is shown before one is given"
+    env, wanted, navigator = navigating.env, Pose2D(-0.55, 1.3, math.pi / 2), navigating.teleop._navigator
+    assert not navigating.shows(MAP_PANEL, style.FRONTIER), "no goal is shown before one is given"
     start = navigating.pixel(*wanted[:2])
     navigating.drag(pygame.K_g, start, (start[0], start[1] - 50))
     assert env.map_pose.compose(env.task.goal) == pytest.approx(wanted, abs=0.02)
-    assert (np.abs(navigating.picture[MAP_PANEL] - style.FRONTIER).max(axis=2) < 5).any()
+    assert navigating.shows(MAP_PANEL, style.FRONTIER)
     navigating.tick(20)
-    assert env.overlay.plan is not None
+    assert navigating.shows(MAP_PANEL, style.PLAN)
     assert math.dist(env.truths[0].state.pose[:2], (-2.0, -0.5)) > 0.1
-    navigating.tick(2, down=[pygame.K_SPACE])
-    assert env.overlay.plan is None
-    stopped = env.truths[0].state.pose
-    navigating.tick(10)
-    assert math.dist(env.truths[0].state.pose[:2], stopped[:2]) < 0.05
-    for key in (pygame.K_s, pygame.K_r):
+    for key in (pygame.K_SPACE, pygame.K_s, pygame.K_r):
         navigating.drag(pygame.K_g, start, (start[0], start[1] - 50))
+        assert navigator.is_driving
         navigating.tick(1, down=[key])
-        assert not navigating.teleop._navigator.is_driving
+        assert not navigator.is_driving
         navigating.tick(1, up=[key])
     assert env.reading.time == pytest.approx(2 * env.control_period)
     navigating.drag(pygame.K_g, start, (start[0], start[1] - 50))
     for _ in range(300):
         navigating.tick(1)
-        if not navigating.teleop._navigator.is_driving:
+        if not navigator.is_driving:
             break
+    assert navigating.title.startswith("arrived ")
     error = wanted.between(env.truths[0].state.pose)
     assert math.hypot(error.x, error.y) < 0.25
     assert abs(error.theta) < 0.25
@@ -225,25 +223,15 @@ def test_a_drag_gives_a_goal_with_a_heading_and_keys_cancel_it(navigating):
 def test_goals_in_walls_and_drags_beside_the_map_change_nothing(navigating):
     env, goal = navigating.env, navigating.env.task.goal
     for start in (navigating.pixel(0.0, 0.0), (300, 400), navigating.pixel(-3.2, 0.0), (900, 710)):
-        silent = navigating.picture
         navigating.drag(pygame.K_g, start, (start[0] + 30, start[1]))
         assert env.task.goal == goal
         assert not navigating.teleop._navigator.is_driving
-        assert (navigating.picture[MESSAGE] != silent[MESSAGE]).any()
+        assert navigating.title.startswith("goal ")
     # Without a tool, the mouse does nothing.
     for kind, x in ((pygame.MOUSEBUTTONDOWN, 900), (pygame.MOUSEBUTTONUP, 950)):
         pygame.event.post(pygame.event.Event(kind, button=1, pos=(x, 400)))
     navigating.tick(1)
     assert env.task.goal == goal
-
-
-def test_m_saves_the_known_map_and_c_says_that_amcl_tests_no_poses(navigating, known_map, tmp_path):
-    navigating.tick(1, down=[pygame.K_m])
-    np.testing.assert_array_equal(load_map(tmp_path / "copy.yaml").data, load_map(known_map).data)
-    before = navigating.picture
-    navigating.tick(1, up=[pygame.K_m], down=[pygame.K_c])
-    assert (navigating.picture[MESSAGE] != before[MESSAGE]).any()
-    assert (navigating.picture[INSET] == before[INSET]).all()
 
 
 def test_a_known_map_and_people_by_options(known_map):

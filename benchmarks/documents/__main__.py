@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 import tyro
 
-from lidarnaut.benchmarks.documents.figures import Figure, table
+from lidarnaut.benchmarks.documents.figures import Figure
+from lidarnaut.benchmarks.drives.recording import table
 from lidarnaut.envs.command_line import Count, make_console, run_command
 from lidarnaut.envs.files import write_file
 
@@ -27,23 +28,20 @@ def main(
 
     Args:
         name: document: TinySLAM robot vacuum, RRT exploration on a Pi Mouse, warehouse AGV, or EKF fusion.
-        json: also write the figures to this JSON file, as a list of records {item, unit, document, here, better}.
+        json: also write the figures to this JSON file, as a list of records {item, unit, runs, document, best}.
         pictures: folder for the pictures; default: runs/documents/NAME.
         runs: number of runs per experiment; default: as in the documentation.
         jobs: number of processes.
         quick: run a shortened experiment, whose figures are not comparable.
     """
-    if json is not None and json.is_dir():
-        raise ValueError(f"--json {json} is a folder; give a file")
     pictures = pictures or Path("runs/documents") / name
-    for path in (pictures, json and json.parent):
-        if path is not None:
-            path.mkdir(parents=True, exist_ok=True)
+    pictures.mkdir(parents=True, exist_ok=True)
     experiment = importlib.import_module(f"lidarnaut.benchmarks.documents.{name}")
     figures: list[Figure] = experiment.run(pictures, runs, jobs, quick)
-    make_console().print(table(figures), *getattr(experiment, "NOTES", ()))
+    make_console().print(table([figure.row() for figure in figures]), *getattr(experiment, "NOTES", ()))
     if json is not None:
-        write_file(json, dumps([row for figure in figures for row in figure.rows()], indent=1) + "\n")
+        json.parent.mkdir(parents=True, exist_ok=True)
+        write_file(json, dumps([figure.record() for figure in figures], indent=1) + "\n")
     return figures
 
 

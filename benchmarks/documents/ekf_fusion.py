@@ -85,13 +85,12 @@ FILTERS: dict[str, Fault] = {
     name: _lost_if(lambda sent, rng, kinds=kinds: sent.kind not in kinds) for name, kinds in FUSIONS.items() if kinds
 }
 """Compared sensor sets by name: functions that drop the measurements of all other sensors."""
-SILENCE = "all silent for 5 s"
 FAULTS: dict[str, Fault] = {
     "none": lambda sent, rng: (0.0, sent),
     "each up to 0.8 s late, out of order": lambda sent, rng: (rng.uniform(0.0, 0.8), sent),
     "one in ten 3 s late": lambda sent, rng: (3.0 if rng.random() < 0.1 else 0.0, sent),
     "half of all missing": _lost_if(lambda sent, rng: rng.random() >= 0.5),
-    SILENCE: _lost_if(lambda sent, rng: 40.0 < sent.time < 45.0),
+    "all silent for 5 s": _lost_if(lambda sent, rng: 40.0 < sent.time < 45.0),
     "one in twenty wrong by metres": _wrong,
     "no compass": _lost_if(lambda sent, rng: sent.kind == "compass"),
     "no map": _lost_if(lambda sent, rng: sent.kind == "map"),
@@ -212,8 +211,7 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
         for fusion in LABELS:
             of = f"{{}}, compass noise {noise:g} deg, {name}: {LABELS[fusion]}"
             figures += figures_of([{key: drive.measure(fusion)[key] for key in RMSES} for drive in some], of)
-    # A quick drive ends before the silence.
-    for fault in [name for name in FAULTS if not (quick and name == SILENCE)]:
+    for fault in FAULTS:
         found = [{key: drive.measure(fault)[key] for key in RMSES} for drive in drives[-len(few) :]]
         figures += figures_of(found, f"{{}}, fault: {fault}")
     with matplotlib.rc_context({"axes.spines.top": False, "axes.spines.right": False, "font.size": 9}):

@@ -1,10 +1,9 @@
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
-from rich.table import Table
 
 MOST = "IoU", "goals reached", "explored share"
 """Words in the names of quantities whose highest values are the best."""
@@ -36,26 +35,25 @@ class Figure:
         runs = np.array(self.runs, dtype=np.float64)
         return np.where(np.isnan(runs), math.inf if self.best == "least" else -math.inf, runs)
 
-    def is_better(self, value: float) -> bool | None:
-        """Return whether a value is at least as good as the document's; None if the document gives none."""
-        if self.document is None:
-            return None
-        return value <= self.document if self.best == "least" else value >= self.document
+    def record(self) -> dict[str, Any]:
+        """Return the fields, with None for runs that did not reach the quantity."""
+        return {**asdict(self), "runs": [value if math.isfinite(value) else None for value in self.runs]}
 
-    def rows(self) -> list[dict[str, Any]]:
-        """Return records `{item, unit, document, here, better}`: the median, and the worst of several runs.
-
-        `here` is None if the run did not reach the quantity.
-        """
-        values = {self.item: self.median}
-        if len(self.runs) > 1:
-            values = {f"{self.item}, median of {len(self.runs)}": self.median}
-            values[f"{self.item}, worst of {len(self.runs)}"] = self.worst
-        known = {"unit": self.unit, "document": self.document}
-        return [
-            {"item": item, **known, "here": value if math.isfinite(value) else None, "better": self.is_better(value)}
-            for item, value in values.items()
-        ]
+    def row(self) -> dict[str, str]:
+        """Return a row of the terminal table."""
+        better = ""
+        if self.document is not None:
+            lower, higher = sorted((self.median, self.document))
+            better = "yes" if self.median == (lower if self.best == "least" else higher) else "no"
+        return {
+            "item": self.item,
+            "unit": self.unit,
+            "document": _number(self.document),
+            "here (median)": _number(self.median),
+            "worst": _number(self.worst) if len(self.runs) > 1 else "",
+            "runs": str(len(self.runs)),
+            "better": better,
+        }
 
 
 def figures_of(runs: Sequence[Mapping[str, float]], name: str, documents: Mapping[str, float] = {}) -> list[Figure]:
@@ -69,16 +67,6 @@ def figures_of(runs: Sequence[Mapping[str, float]], name: str, documents: Mappin
         best: Any = "most" if any(word in item for word in MOST) else "least"
         figures.append(Figure(name.format(item), unit, [run[key] for run in runs], documents.get(key), best))
     return figures
-
-
-def table(figures: Sequence[Figure]) -> Table:
-    """Return a terminal table of figures: document, median, worst, number of runs, and comparison."""
-    made = Table("item", "unit", "document", "here (median)", "worst", "runs", "better")
-    for one in figures:
-        better = {None: "", True: "yes", False: "no"}[one.is_better(one.median)]
-        values = [_number(one.document), _number(one.median), _number(one.worst) if len(one.runs) > 1 else ""]
-        made.add_row(one.item, one.unit, *values, str(len(one.runs)), better)
-    return made
 
 
 def _number(value: float | None) -> str:

@@ -8,7 +8,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pygame
 
 from lidarnaut.benchmarks.documents.figures import Figure, figures_of
 from lidarnaut.benchmarks.drives.maps import Panel, draw_maps
@@ -17,7 +16,7 @@ from lidarnaut.benchmarks.drives.slams import measure_drive
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.slam import make_slam
-from lidarnaut.envs.teleop import DIRECTIONS, TURN_RATE
+from lidarnaut.envs.teleop import TURN_RATE
 from lidarnaut.envs.worlds import load_world, save_map
 from lidarnaut.envs.worlds.map_files import load_map
 
@@ -39,20 +38,19 @@ SLAMS = {
 PICTURED = ("report", "default")
 
 
-def tour(setup: Any, simulator: Any, rng: np.random.Generator) -> Iterator[tuple[int, ...]]:
-    """Yield the keys of a person who watches the robot and drives it through the rooms."""
+def tour(setup: Any, simulator: Any, rng: np.random.Generator) -> Iterator[tuple[float, float]]:
+    """Yield the keys of a person who watches the robot and drives it through the rooms, as signs of speed and turn."""
     for v, w in random_goals(setup, simulator, rng):
-        turn = () if abs(w) < 0.2 else (pygame.K_LEFT if w > 0.0 else pygame.K_RIGHT,)
-        yield (pygame.K_UP, *turn) if v > 0.0 else turn
+        yield np.sign(v), np.sign(w) if abs(w) >= 0.2 else 0.0
 
 
-def bounce(setup: Any, simulator: Any, rng: np.random.Generator) -> Iterator[tuple[int, ...]]:
+def bounce(setup: Any, simulator: Any, rng: np.random.Generator) -> Iterator[tuple[float, float]]:
     """Yield keys that drive straight into obstacles, back off and turn at random, as robot vacuums do."""
     while True:
         while not simulator.rows.reading(0).bumper:
-            yield (pygame.K_UP,)
-        yield from [(pygame.K_DOWN,)] * 5
-        yield from [(pygame.K_LEFT if rng.random() < 0.5 else pygame.K_RIGHT,)] * int(rng.uniform(5.0, 30.0))
+            yield 1.0, 0.0
+        yield from [(-1.0, 0.0)] * 5
+        yield from [(0.0, 1.0 if rng.random() < 0.5 else -1.0)] * int(rng.uniform(5.0, 30.0))
 
 
 KINDS = {
@@ -73,8 +71,7 @@ def run_drive(kind: str, seed: int, pictures: Path | None, quick: bool) -> dict[
     robot, start = setup.robot, setup.world.spawns[0]
 
     def press(*sources: Any) -> Iterator[Any]:
-        for keys in driver(*sources):
-            v, w = np.sign(np.sum([DIRECTIONS[key] for key in keys], axis=0)) if keys else (0.0, 0.0)
+        for v, w in driver(*sources):
             yield v * robot.max_v, w * min(robot.max_w, TURN_RATE)
 
     drive = record(setup, start, *np.random.default_rng(seed).spawn(2), 30.0 if quick else 60.0 * minutes, press)

@@ -12,15 +12,14 @@ import numpy as np
 
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.benchmarks.drives.recording import Row, run_each
+from lidarnaut.benchmarks.drives.recording import PERIOD, Row, run_each
 from lidarnaut.driver import Driver
 from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.command_line import Count
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.coverage import Coverage
 
-WORLD, ROBOT, TARGET, MAX_TIME = "turtlebot3_house", "turtlebot3_burger", 0.95, 900.0
-PERIOD = 0.1
+WORLD, ROBOT, EXPLORER, TARGET, MAX_TIME = "turtlebot3_house", "turtlebot3_burger", "pursuit", 0.95, 900.0
 
 
 class Link(NamedTuple):
@@ -98,9 +97,9 @@ class Loop:
         return math.dist(self.robot.start.compose(self.driver.belief.pose)[:2], self.robot.pose[:2])
 
 
-def _explore(name: str, link: str, seed: int) -> dict[str, float]:
+def _explore(link: str, seed: int) -> dict[str, float]:
     robot = SimulatedRobot(WORLD, ROBOT, seed=seed)
-    loop = Loop(Driver(make_policy(name), ROBOT, seed=seed), robot, LINKS[link], seed)
+    loop = Loop(Driver(make_policy(EXPLORER), ROBOT, seed=seed), robot, LINKS[link], seed)
     coverage = Coverage(robot.area, robot.start, robot.robot.lidar)
 
     def watch() -> bool:
@@ -114,32 +113,27 @@ def _explore(name: str, link: str, seed: int) -> dict[str, float]:
     return {"time": robot.time if reached else math.inf, **costs}
 
 
-def _explore_in_environment(name: str, seed: int) -> dict[str, float]:
+def _explore_in_environment(seed: int) -> dict[str, float]:
     start = tuple(SimulatedRobot(WORLD, ROBOT, seed=seed).start)
     arguments: dict[str, Any] = {"world": WORLD, "robot": ROBOT, "physics": "kinematic", "start": start}
     env = gymnasium.make("lidarnaut/Explore-v0", target_coverage=TARGET, time_limit=MAX_TIME, **arguments)
-    episode = run_episode(env, make_policy(name), seed)
+    episode = run_episode(env, make_policy(EXPLORER), seed)
     env.close()
     return {"time": episode.time_to_95, "contacts": episode.collisions, "error": episode.position_rmse}
 
 
-def compare_driving(policies: tuple[str, ...] = ("pursuit",), starts: Count = 20, jobs: Count = 1) -> list[Row]:
+def compare_driving(starts: Count = 20, jobs: Count = 1) -> list[Row]:
     """Compare exploration through a `Driver`, with messages of several rates and delays, with that in an environment.
 
     Args:
-        policies: explorers.
         starts: number of start poses in `turtlebot3_house`.
         jobs: number of worker processes.
     """
-    rows: list[Row] = []
-    for name in policies:
-        tasks = [(name, seed) for seed in range(starts)]
-        reference = run_each(_explore_in_environment, tasks, jobs, f"{name}, environment")
-        rows.append({"policy": name, "messages": "environment", **_summary(reference, reference)})
-        for link in LINKS:
-            driven = run_each(_explore, [(name, link, seed) for seed in range(starts)], jobs, f"{name}, {link}")
-            rows.append({"policy": name, "messages": link, **_summary(driven, reference)})
-    return rows
+    seeds = [(seed,) for seed in range(starts)]
+    reference = run_each(_explore_in_environment, seeds, jobs, "environment")
+    found = {"environment": reference}
+    found |= {link: run_each(partial(_explore, link), seeds, jobs, link) for link in LINKS}
+    return [{"policy": EXPLORER, "messages": name, **_summary(some, reference)} for name, some in found.items()]
 
 
 def measure_loads(hours: float = 1.0) -> list[Row]:

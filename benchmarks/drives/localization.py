@@ -87,7 +87,7 @@ def localize(
     start = None if start_std is None else Pose2D(*drive.truth[0].tolist())
     covariance = None if start_std is None else np.diag(np.square(start_std))
     amcl.reset(np.random.default_rng(seed), start, grid, covariance)
-    return track(amcl, drive, "fit", "is_corrected", "num_particles")
+    return track(amcl, drive, "is_corrected", "num_particles")
 
 
 @lru_cache(maxsize=4)
@@ -149,7 +149,6 @@ def compare_amcl(
     worlds: tuple[str, ...] = WORLDS,
     physics: Literal["kinematic", "bullet"] = "kinematic",
     preset: str = "default",
-    first_seed: int = 0,
     cupboards: int = 0,
 ) -> list[Row]:
     """Measure AMCL in known worlds: pose tracking, global localization and kidnapped robots.
@@ -160,12 +159,11 @@ def compare_amcl(
         worlds: library worlds.
         physics: simulator.
         preset: parameter preset of AMCL.
-        first_seed: seed of the first run.
         cupboards: number of cupboards that the map lacks, near each start.
     """
     rows = []
     for world in worlds:
-        tasks = [(world, preset, physics, seed, cupboards) for seed in range(first_seed, first_seed + runs)]
+        tasks = [(world, preset, physics, seed, cupboards) for seed in range(runs)]
         found = run_each(run, tasks, jobs, world)
         done = {key: np.array([one[key] for one in found]) for key in found[0]}
         row: Row = {"world": world, "symmetries": len(symmetries(known_map(load_known_world(world, physics).area)))}
@@ -187,7 +185,7 @@ def time_quantile(times: Sequence[float], share: float) -> float | None:
     return float(np.quantile(np.nan_to_num(times), share))
 
 
-def run(world: str, preset: str, physics: str, seed: int, cupboards: int = 0) -> Row:
+def run(world: str, preset: str, physics: str, seed: int, cupboards: int) -> Row:
     """Measure AMCL in one world with one seed: pose tracking, global localization and a kidnapped robot."""
     setup = load_known_world(world, physics)
     grid, amcl = known_map(setup.area), Amcl(setup.robot.lidar, load_preset(preset))

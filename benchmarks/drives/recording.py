@@ -96,19 +96,17 @@ def random_goals(setup: Setup, simulator: Any, rng: np.random.Generator) -> Iter
         while len(path) == 0:
             found = plan_path(costmap, pose[:2], setup.area.draw_pose(rng)[:2], tolerance=0.3)
             path = path if found is None else _ahead(found, pose)
-        yield _steer(robot, pose.inverse().transform(path[:1])[0])
+        x, y = pose.inverse().transform(path[:1])[0]
+        angle, top_w = math.atan2(y, x), min(robot.max_w, 1.0)
+        if abs(angle) > 0.6:
+            yield Twist(0.0, math.copysign(top_w, angle))
+        else:
+            yield Twist(robot.max_v * math.cos(angle) ** 2, float(np.clip(2.0 * angle, -top_w, top_w)))
 
 
 def _ahead(path: np.ndarray, pose: Pose2D) -> np.ndarray:
     near = np.flatnonzero(np.hypot(*(path - pose[:2]).T) < 0.3)
     return path[near[-1] + 1 :] if len(near) else path
-
-
-def _steer(robot: RobotParams, carrot: np.ndarray) -> Twist:
-    angle, top_w = math.atan2(carrot[1], carrot[0]), min(robot.max_w, 1.0)
-    if abs(angle) > 0.6:
-        return Twist(0.0, math.copysign(top_w, angle))
-    return Twist(robot.max_v * math.cos(angle) ** 2, float(np.clip(2.0 * angle, -top_w, top_w)))
 
 
 def record_drive(setup: Setup, seed: int, duration: float) -> Drive:

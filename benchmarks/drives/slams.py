@@ -127,7 +127,6 @@ def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> tup
 def compare_kidnapped(
     slams: tuple[str, ...] = ("hector", "tinyslam", "graph", "gmapping"),
     worlds: tuple[str, ...] = HELD_OUT,
-    robot: str = "turtlebot3_burger",
     seeds: Count = 5,
     minutes: float = 25.0,
     seconds: float = 180.0,
@@ -140,13 +139,12 @@ def compare_kidnapped(
     Args:
         slams: names of SLAMs.
         worlds: library worlds, or `FAMILY:SEED`.
-        robot: library robot.
         seeds: robots per world.
         minutes: mapping time [min].
         seconds: driving time after the robot was moved [s].
         jobs: number of processes.
     """
-    tasks = [(slam, world, robot, k, minutes, seconds) for slam in slams for world in worlds for k in range(seeds)]
+    tasks = [(slam, world, k, minutes, seconds) for slam in slams for world in worlds for k in range(seeds)]
     outcomes = np.array(run_each(kidnap, tasks, jobs, "kidnapped robots"))
     rows = []
     for slam, world in itertools.product(slams, (*worlds, "all")):
@@ -159,17 +157,15 @@ def compare_kidnapped(
     return rows
 
 
-def kidnap(
-    slam_name: str, world: str, robot: str, seed: int, minutes: float, seconds: float
-) -> tuple[float, float, bool]:
-    """Simulate a kidnapped robot: map for `minutes`, move the robot without odometry, and continue for `seconds`.
+def kidnap(slam_name: str, world: str, seed: int, minutes: float, seconds: float) -> tuple[float, float, bool]:
+    """Simulate a TurtleBot3 Burger that maps for `minutes`, is moved without odometry, and continues for `seconds`.
 
     Returns the time from the move until SLAM reports the robot lost [s], the time until the position stays correct [s],
     and whether the robot ends at a wrong position without a report. Times are inf if never.
     """
     family, _, number = world.partition(":")
     found = FAMILIES[family](int(number)) if family in FAMILIES else load_world(world)
-    setup = make_setup(found, load_robot(robot), "kinematic")
+    setup = make_setup(found, load_robot("turtlebot3_burger"), "kinematic")
     rngs = np.random.default_rng(seed).spawn(6)
     start, elsewhere = setup.world.spawns[0], setup.area.draw_pose(rngs[4])
     first = record(setup, start, rngs[0], rngs[1], 60.0 * minutes)

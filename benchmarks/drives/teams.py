@@ -3,7 +3,7 @@
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
@@ -34,9 +34,6 @@ def compare_teams(
     policies: tuple[str, ...] = ("rrt_team",),
     episodes: Count = 4,
     jobs: Count = 2,
-    seed: int = 0,
-    physics: Literal["kinematic", "bullet"] = "kinematic",
-    slam: str = DEFAULT_SLAM,
     out: Path = Path("runs/team"),
 ) -> list[Row]:
     """Compare exploration times of teams by number of robots and by policy, in episodes with equal seeds.
@@ -47,26 +44,22 @@ def compare_teams(
         policies: classic team policies; times are relative to the first.
         episodes: seeds per world.
         jobs: number of processes.
-        seed: first seed.
-        physics: simulator.
-        slam: SLAM with maps that robots can share.
         out: output folder; an interrupted run resumes.
     """
     found: list[Row] = []
-    for num, policy in product(robots, policies):
-        for part, more in (("library", {}), ("families", {"world_size": (20.0, 20.0)})):
-            here = tuple(world for world in worlds if (world in FAMILIES) == bool(more))
-            if not here:
-                continue
+    library = tuple(world for world in worlds if world not in FAMILIES)
+    families = tuple(world for world in worlds if world in FAMILIES)
+    parts: Any = {"library": (library, {}), "families": (families, {"world_size": (20.0, 20.0)})}
+    for num, policy, (part, (some, size)) in product(robots, policies, parts.items()):
+        if some:
             settings = Settings(
                 id="lidarnaut/ExploreTeam-v0",
                 policies=(policy,),
-                worlds=here,
+                worlds=some,
                 episodes=episodes,
-                seed=seed,
-                physics=(physics,),
-                slam=(slam,),
-                arguments={"num_robots": num, "target_coverage": MARK, **more},
+                physics=("kinematic",),
+                slam=(DEFAULT_SLAM,),
+                arguments={"num_robots": num, "target_coverage": MARK, **size},
             )
             evaluation = Evaluation(settings, out / f"{policy}_{num}_{part}")
             run_with_progress(evaluation, jobs, make_console())
@@ -74,7 +67,7 @@ def compare_teams(
     return summarise(found, robots, policies)
 
 
-def summarise(rows: list[Row], robots: tuple[int, ...], policies: tuple[str, ...] = ("rrt_team",)) -> list[Row]:
+def summarise(rows: list[Row], robots: tuple[int, ...], policies: tuple[str, ...]) -> list[Row]:
     """Return table rows with exploration times and speed-ups, one for each world, policy and team size.
 
     `rows` are episode results, with the team size in the policy's name, such as "rrt_team 3". Ratios of two teams'

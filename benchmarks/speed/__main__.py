@@ -11,8 +11,8 @@ from statistics import median
 from typing import Any, Literal, get_args
 
 from lidarnaut.benchmarks.drives.recording import table
-from lidarnaut.benchmarks.speed import designs
-from lidarnaut.benchmarks.speed.designs import Case
+from lidarnaut.benchmarks.speed import cases
+from lidarnaut.benchmarks.speed.cases import Case
 from lidarnaut.benchmarks.speed.peers import compare as peers
 from lidarnaut.envs.command_line import make_console, run_command
 from lidarnaut.envs.files import read_mapping
@@ -21,40 +21,39 @@ from lidarnaut.envs.progress import Progress
 Stage = Literal["designs", "decisions", "people", "trainings", "peers"]
 SECONDS = {"designs": 0.5, "decisions": 3.0, "people": 1.0, "trainings": 10.0, "peers": 1.5}
 """Duration of a measurement [s]."""
+REPEATS = 3
+"""Number of measurements of each case."""
 
 
-def main(only: tuple[Stage, ...] = get_args(Stage)[:-1], seconds: float | None = None, repeats: int = 3) -> None:
+def main(only: tuple[Stage, ...] = get_args(Stage)[:-1]) -> None:
     """Measure steps per second, and print a table for each benchmark.
 
     Args:
         only: benchmarks to run; `peers` installs other simulators in `~/.cache/lidarnaut/peers`.
-        seconds: duration of a measurement; default: 0.5 to 10 s.
-        repeats: number of measurements of each case.
     """
     for stage in Progress(only, desc="speed", unit="benchmark"):
-        duration = SECONDS[stage] if seconds is None else seconds
         if stage == "peers":
-            rows = peers.compare(read_mapping(peers.PEERS), duration, repeats)
+            rows = peers.compare(read_mapping(peers.PEERS), SECONDS[stage], REPEATS)
         else:
-            rows = compare(getattr(designs, stage)(), duration, repeats)
+            rows = compare(getattr(cases, stage)(), SECONDS[stage])
         make_console().print(table(rows, stage))
 
 
-def compare(groups: Iterable[Sequence[Case]], seconds: float, repeats: int) -> list[dict[str, Any]]:
+def compare(groups: Iterable[Sequence[Case]], seconds: float) -> list[dict[str, Any]]:
     """Return a table of the median steps per second of all sub-environments; cases of a group are measured in turn."""
     rows: dict[str, dict[str, Any]] = {}
     available = sorted(os.sched_getaffinity(0))
     for group in groups:
-        cases = {case: case.drive() for case in group if case.cores <= len(available)}
-        speeds: dict[Case, list[float]] = {case: [] for case in cases}
+        opened = {case: case.drive() for case in group if case.cores <= len(available)}
+        speeds: dict[Case, list[float]] = {case: [] for case in opened}
         try:
-            for case in [*cases] * (repeats + 1):
+            for case in [*opened] * (REPEATS + 1):
                 os.sched_setaffinity(0, available[-case.cores :])
-                speeds[case].append(steps_per_second(cases[case], seconds))
+                speeds[case].append(steps_per_second(opened[case], seconds))
                 gc.freeze()  # garbage collection skips the environments
         finally:
             os.sched_setaffinity(0, available)
-            for drive in cases.values():
+            for drive in opened.values():
                 drive.close()
             gc.unfreeze()
         for case, (_, *found) in speeds.items():  # the first is the warm-up

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from lidarnaut.envs.worlds import World
+
 from .scene import Scene
 
 MODES = ("human", "rgb_array")
@@ -13,8 +15,8 @@ os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # keeps standard outpu
 _INVISIBLE_DRIVERS = ("dummy", "offscreen")
 
 
-def open_window(title: str, size: tuple[int, int]) -> Any:
-    """Open a `pygame.Window` of `size` (width, height) [px]; RuntimeError without display and `SDL_VIDEODRIVER`."""
+def _open_window(title: str) -> Any:
+    """Open a `pygame.Window` of the size of pictures; RuntimeError without display and `SDL_VIDEODRIVER`."""
     import pygame
 
     was_on = pygame.display.get_init()
@@ -29,7 +31,7 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
             f"cannot open a window: {error}; run it in a desktop session (DISPLAY or WAYLAND_DISPLAY set), draw with "
             "render_mode='rgb_array', or set SDL_VIDEODRIVER=dummy for an invisible window"
         ) from error
-    return pygame.Window(title, size)
+    return pygame.Window(title, SIZE)
 
 
 class Renderer:
@@ -46,10 +48,10 @@ class Renderer:
         self._window: Any = None
         self._clock: Any = None
 
-    def draw(self, scene: Scene) -> np.ndarray | None:
+    def draw(self, scene: Scene, title: str = "lidarnaut") -> np.ndarray | None:
         """Draw a scene (moment of an episode); return an image, shape (height, width, 3), uint8, or None for `human`.
 
-        RuntimeError for `human` without display.
+        `title`: title of the window. RuntimeError for `human` without display.
         """
         import pygame
 
@@ -61,13 +63,19 @@ class Renderer:
             pixels = pygame.image.tobytes(self._picture.paint(scene), "RGB")
             return np.frombuffer(pixels, dtype=np.uint8).reshape(SIZE[1], SIZE[0], 3).copy()
         if self._window is None:
-            self._window = open_window("lidarnaut", SIZE)
+            self._window = _open_window(title)
             self._clock = pygame.Clock()
+        self._window.title = title
         self._window.get_surface().blit(self._picture.paint(scene), (0, 0))
         self._window.flip()
         pygame.event.pump()
         self._clock.tick(self.fps)
         return None
+
+    def point_at(self, world: World, pixel: tuple[int, int]) -> np.ndarray:
+        """Return the point of the world at a pixel of the map panel, shape (2,), float64 [m]; call `draw` before."""
+        point: np.ndarray = self._picture.point_at(world, pixel)
+        return point
 
     def close(self) -> None:
         if self._window is not None:

@@ -1,10 +1,6 @@
 import math
 
-import numpy as np
-
 from lidarnaut.benchmarks.documents import robot_vacuum
-from lidarnaut.benchmarks.drives.recording import Drive
-from lidarnaut.envs.robots import load_robot
 
 
 def test_maps_are_measured_saved_and_drawn(tmp_path, monkeypatch):
@@ -19,20 +15,3 @@ def test_maps_are_measured_saved_and_drawn(tmp_path, monkeypatch):
     assert (tmp_path / "robot_vacuum.png").stat().st_size < 200_000
     worse, better = (figures[f"tour, {name}: map IoU"].median for name in ("report", "default"))
     assert 0.4 < worse < better
-
-
-def test_keys_give_the_commands_of_teleoperation(monkeypatch):
-    robot = load_robot("create3")
-    found = set()
-
-    def keys(*_):
-        yield from ((), (robot_vacuum.pygame.K_UP,), (robot_vacuum.pygame.K_DOWN, robot_vacuum.pygame.K_LEFT))
-
-    def replay(setup, start, rng, rng_driver, duration, driver):
-        found.update(driver(setup, None, rng))
-        return Drive(np.full((200, robot.lidar.num_beams), np.nan, np.float32), *np.zeros((2, 200, 3)), np.zeros(200))
-
-    monkeypatch.setattr(robot_vacuum, "record", replay)
-    monkeypatch.setitem(robot_vacuum.KINDS, "keys", (keys, 1.0, "create3"))
-    robot_vacuum.run_drive("keys", 0, None, True)
-    assert found == {(0.0, 0.0), (robot.max_v, 0.0), (-robot.max_v, 1.0)}

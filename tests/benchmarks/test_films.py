@@ -35,23 +35,17 @@ def test_a_film_of_a_drive_keeps_its_colours(tmp_path):
     frames = record(env, every=1.0)
     for _ in range(25):
         env.step(np.array([1.0, 0.3], dtype=np.float32))
-    frames.append(env.render())
     env.close()
-    assert len(frames) == 4  # at 0.1, 1, 2 s and the end
-
+    assert len(frames) == 3  # at 0.1, 1 and 2 s
     save_film(frames, tmp_path / "film.gif", width=640)
     with Image.open(tmp_path / "film.gif") as gif:
-        assert gif.size == (640, 360)
-        assert gif.n_frames == 4
-        pictures = []
-        for index in range(4):
-            gif.seek(index)
-            pictures.append(np.asarray(gif.convert("RGB")).astype(int))
-    assert (pictures[0] != pictures[2]).any()
+        assert (gif.size, gif.n_frames) == ((640, 360), 3)
+        gif.seek(2)
+        last = np.asarray(gif.convert("RGB")).astype(int)
     wanted = np.asarray(Image.fromarray(frames[-1]).resize((640, 360), Image.Resampling.LANCZOS)).astype(int)
-    assert (np.abs(pictures[-1] - wanted).max(axis=2) > 40).mean() < 0.005
+    assert (np.abs(last - wanted).max(axis=2) > 40).mean() < 0.005
     for colour in (style.PAPER, style.OUTSIDE, style.UNKNOWN, style.FLOOR):
-        assert (pictures[-1] == colour).all(axis=2).sum() > 1000
+        assert (last == colour).all(axis=2).sum() > 1000
 
 
 def test_one_environment_is_filmed_as_asked_for(tmp_path):

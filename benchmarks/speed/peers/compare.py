@@ -44,20 +44,21 @@ def install(name: str, *packages: str) -> tuple[str | Path, ...]:
     return python, "-I"
 
 
-def compare(peers: Mapping[str, Any], seconds: float, rounds: int, script: Path = STEP) -> list[dict[str, Any]]:
-    """Return median steps per second of `peers` (`peers.yaml`), run in turn by `script`, and ratios to the first."""
+def compare(peers: Mapping[str, Any], seconds: float, rounds: int) -> list[dict[str, Any]]:
+    """Return median steps per second of `peers` (`peers.yaml`), run in turn by `STEP`, and ratios to the first."""
     speeds: dict[tuple[int, int, str], list[float]] = {}
-    failed = {name: peer["skipped"] for name, peer in peers.items() if "skipped" in peer}
-    for name, peer in Progress(list(peers.items()) * rounds, desc="peers", unit="run"):
-        output = ""
+    failed: dict[str, str] = {}
+    for name, peer in Progress([*peers.items()] * rounds, desc="peers", unit="run"):
+        if name in failed:
+            continue
         try:
-            if name not in failed:
-                output = run(*install(name, *peer.get("packages", ())), script, name, str(seconds), *peer["cases"])
-            for case in map(json.loads, output.splitlines()):
-                speed = case["steps"] / case["seconds"]
-                speeds.setdefault((case["num_envs"], case["people"], name), []).append(speed)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            failed[name] = f"unreadable output {output!r}" if output else str(error)
+            output = run(*install(name, *peer.get("packages", ())), STEP, name, str(seconds), *peer["cases"])
+        except (OSError, ValueError) as error:
+            failed[name] = str(error)
+            continue
+        for case in map(json.loads, output.splitlines()):
+            speed = case["steps"] / case["seconds"]
+            speeds.setdefault((case["num_envs"], case["people"], name), []).append(speed)
     rows = []
     for (num_envs, people, name), values in sorted(speeds.items(), key=lambda item: item[0][:2]):
         ratios = [a / b for a, b in zip(values, speeds.get((num_envs, people, next(iter(peers))), []))]

@@ -21,7 +21,7 @@ WORLDS = Path(__file__).resolve().parent
 def lidarnaut(num_envs: int, people: int, physics: str = "kinematic") -> Iterator[int]:
     from dataclasses import replace
 
-    from lidarnaut.benchmarks.speed.designs import benchmark_robot
+    from lidarnaut.benchmarks.speed.cases import benchmark_robot
 
     robot = replace(benchmark_robot(num_beams=180), radius=0.2, max_v=1.0, max_w=1.0)
     task = {"world": str(WORLDS / "lidarnaut.yaml"), "start": "spawn", "goal": "world", "time_limit": 50.0}
@@ -52,13 +52,21 @@ def step_gymnasium(id: str, num_envs: int = 1, **arguments: Any) -> Iterator[int
     import numpy as np
 
     env: Any = gymnasium.make_vec(id, num_envs, **arguments) if num_envs > 1 else gymnasium.make(id, **arguments)
-    actions = np.random.default_rng(0).uniform((0, -1), 1, (500, num_envs, 2)).astype(np.float32)
     env.reset(seed=0)
-    for action in cycle(actions if num_envs > 1 else actions[:, 0]):
-        *_, terminated, truncated, _ = env.step(action)
-        if num_envs == 1 and (terminated or truncated):
-            env.reset()
-        yield num_envs
+    return step(env, np.random.default_rng(0).uniform((0, -1), 1, (500, num_envs, 2)).astype(np.float32))
+
+
+def step(env: Any, actions: Any) -> Iterator[int]:
+    """Repeat `actions`, shape (num_steps, num_envs, ...); yield the number of steps, and close the environment."""
+    num_envs = actions.shape[1]
+    try:
+        for action in cycle(actions if num_envs > 1 else actions[:, 0]):
+            *_, terminated, truncated, _ = env.step(action)
+            if num_envs == 1 and (terminated or truncated):
+                env.reset()
+            yield num_envs
+    finally:
+        env.close()
 
 
 def irsim(num_envs: int, people: int) -> Iterator[int]:

@@ -2,35 +2,39 @@
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
 
 import lidarnaut.agents  # noqa: F401  (before torch, whose threads it keeps from spinning)
-from lidarnaut.benchmarks.speed.halls import make_hall
+from lidarnaut.benchmarks.speed.peers.step import step
+from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import RobotParams, load_robot
+from lidarnaut.envs.worlds.world import World, box, edges
 
-ACTION_REPEAT, NUM_ACTIONS = 10, 500
+ACTION_REPEAT = 10
 TRAININGS = "reach_crowd", "rooms_fast", "reach_scans"
 """Configurations of the measured trainings."""
 DESIGNS = [("bullet", 1, 1), ("kinematic", 1, 1)]
 DESIGNS += [("kinematic", num_envs, cores) for cores in (1, 2) for num_envs in (16, 64, 256)]
 DESIGNS += [("bullet", 16, 1), ("bullet", 16, 2), ("SubprocVecEnv", 2, 1), ("SubprocVecEnv", 2, 2)]
 """Physics, number of sub-environments, number of cores; `SubprocVecEnv` of stable-baselines3 has kinematic physics."""
+SIDE, GAP, FREE_AROUND_SPAWN = 16.0, 0.35, 0.7
+"""Inner side length of a hall, and minimum distance of obstacles from each other and from the start pose [m]."""
+PACKING = 0.45
+"""Share of the floor covered by obstacles if all have maximum size, with half of `GAP` around each; sets this size."""
 
 
 class Case(NamedTuple):
-    """Measured environment or training."""
+    """Measured environment or training, in a row and a column of the table."""
 
     row: str
-    """Row of the table."""
     column: str
-    """Column of the table."""
     cores: int
-    """Number of CPU cores."""
     drive: Callable[[], Iterator[int]]
     """Returns an iterator that steps all sub-environments, and yields the number of steps."""
 
@@ -38,31 +42,26 @@ class Case(NamedTuple):
 def designs() -> Iterator[list[Case]]:
     """Yield environments that explore a hall with 50 or 300 obstacles, with TinySLAM or the true pose."""
     for bodies, slam in itertools.product((50, 300), ("tinyslam", "truth")):
-        options = {"world": make_hall(bodies), "robot": benchmark_robot(), "slam": slam, "start": "spawn"}
+        hall = {"world": make_hall(bodies), "robot": benchmark_robot(), "slam": slam, "start": "spawn"}
+        explore = partial(step_environment, "Explore-v0", **hall)
         yield [
-            Case(
-                f"{kind} x {num_envs}, cores: {cores}",
-                f"{slam}, {bodies} bodies",
-                cores,
-                partial(step_environment, "Explore-v0", kind, num_envs, cores, **options),
-            )
-            for kind, num_envs, cores in DESIGNS
+            Case("{} x {}, cores: {}".format(*design), f"{slam}, {bodies} bodies", design[2], partial(explore, *design))
+            for design in DESIGNS
         ]
 
 
 def decisions() -> Iterator[list[Case]]:
     """Yield environments whose robots drive to the nearest frontier in rooms, with Hector; a step is a decision."""
-    rooms = {"world": "rooms", "world_size": (20.0, 20.0)}
-    step = partial(step_environment, "ExploreFrontiers-v0", "kinematic", **rooms)
-    yield [Case(f"x {num_envs}", "decisions", 1, partial(step, num_envs)) for num_envs in (1, 16, 64, 256)]
+    decide = partial(step_environment, "ExploreFrontiers-v0", "kinematic", world="rooms", world_size=(20.0, 20.0))
+    yield [Case(f"x {num_envs}", "decisions", 1, partial(decide, num_envs)) for num_envs in (1, 16, 64, 256)]
 
 
 def people() -> Iterator[list[Case]]:
     """Yield vector environments with goals among people."""
     hall = {"world_size": (12.0, 12.0), "observations": ("scan_history", "goal"), "robot": "turtlebot3_burger"}
-    step = partial(step_environment, "ReachCrowd-v0", "kinematic", 64, **hall)
+    reach = partial(step_environment, "ReachCrowd-v0", "kinematic", 64, **hall)
     yield [
-        Case(f"people: {number}", f"contact {contact}", 1, partial(step, people=number, contact=contact))
+        Case(f"people: {number}", f"contact {contact}", 1, partial(reach, people=number, contact=contact))
         for number, contact in itertools.product((0, 10, 30), ("costs", "ends"))
     ]
 
@@ -78,11 +77,27 @@ def benchmark_robot(num_beams: int = 360) -> RobotParams:
     return dataclasses.replace(robot, lidar=dataclasses.replace(robot.lidar, num_beams=num_beams, range_max=10.0))
 
 
-def make_actions(num_envs: int) -> Iterator[np.ndarray]:
-    """Yield reproducible random actions (forward 0.3 to 1, turn -1 to 1): shape (num_envs, 2), float32."""
-    table = np.random.default_rng(0).uniform((0.3, -1.0), 1.0, (NUM_ACTIONS, num_envs, 2)).astype(np.float32)
-    while True:
-        yield from (actions for actions in table for _ in range(ACTION_REPEAT))
+@lru_cache(maxsize=2)
+def make_hall(num_bodies: int) -> World:
+    """Return a square hall with crates, and every tenth body a pillar, at random but reproducible poses."""
+    rng = np.random.default_rng(num_bodies)
+    largest = math.sqrt(PACKING * SIDE**2 / (math.pi * num_bodies)) - 0.5 * GAP
+    placed = np.empty((0, 3))
+    while len(placed) < num_bodies:
+        radius = rng.uniform(0.6, 1.0) * largest
+        x, y = rng.uniform(-0.5 * SIDE + GAP + radius, 0.5 * SIDE - GAP - radius, 2)
+        distances = np.hypot(placed[:, 0] - x, placed[:, 1] - y) - placed[:, 2]
+        if (distances >= radius + GAP).all() and math.hypot(x, y) >= radius + FREE_AROUND_SPAWN:
+            placed = np.vstack([placed, [x, y, radius]])
+    walls = [edges(box(0.0, 0.0, SIDE, SIDE))]
+    for x, y, radius in np.delete(placed, np.s_[::10], axis=0).tolist():
+        # Crates are inscribed in their circle at any yaw.
+        diagonal = rng.uniform(math.pi / 8, 3 * math.pi / 8)
+        size = 2.0 * radius * math.cos(diagonal), 2.0 * radius * math.sin(diagonal)
+        walls.append(edges(box(x, y, *size, float(rng.uniform(-math.pi, math.pi)))))
+    pillars, half = np.ascontiguousarray(placed[::10] * (1.0, 1.0, 0.5)), 0.5 * SIDE
+    spawns, bounds = (Pose2D(0.0, 0.0, 0.0),), (-half, -half, half, half)
+    return World(f"hall_{num_bodies}", np.vstack(walls), pillars, spawns=spawns, bounds=bounds)
 
 
 def step_environment(id: str, kind: str, num_envs: int, cores: int = 1, **options: Any) -> Iterator[int]:
@@ -100,15 +115,11 @@ def step_environment(id: str, kind: str, num_envs: int, cores: int = 1, **option
         options |= {"num_workers": cores, "context": "spawn"} if num_envs > 1 else {}  # workers inherit the cores
         env = make_single() if num_envs == 1 else gymnasium.make_vec(id, num_envs, "vector_entry_point", **options)
         env.reset(seed=0)
-    drives, is_single = isinstance(env.action_space, gymnasium.spaces.Box), num_envs == 1
-    try:
-        for actions in make_actions(num_envs) if drives else itertools.repeat(np.zeros(num_envs, dtype=np.int64)):
-            result = env.step(actions[0] if is_single else actions)
-            if is_single and (result[2] or result[3]):
-                env.reset()
-            yield num_envs
-    finally:
-        env.close()
+    actions = np.zeros((1, num_envs), dtype=np.int64)
+    if isinstance(env.action_space, gymnasium.spaces.Box):
+        twists = np.random.default_rng(0).uniform((0.3, -1.0), 1.0, (500, num_envs, 2))
+        actions = np.repeat(twists.astype(np.float32), ACTION_REPEAT, axis=0)
+    yield from step(env, actions)
 
 
 def train(name: str) -> Iterator[int]:
