@@ -1,7 +1,6 @@
 """A simulated robot as ROS topics, without ROS or through rosbridge: `lidarnaut-serve --port 9090 --people 6`."""
 
 import contextlib
-import functools
 import logging
 import math
 import signal
@@ -65,7 +64,7 @@ class Options:
 
 
 def check_numbers(kind: str, numbers: tuple[Any, ...]) -> tuple[float, ...]:
-    """Return finite numbers; ValueError for others. TODO: replaced by driver/gate.py."""
+    """Return numbers of a magnitude below 1000 as floats; ValueError for others."""
     if not all(isinstance(each, int | float) and abs(each) < 1e3 for each in numbers):
         raise ValueError(f"{kind} must be finite numbers")
     return tuple(map(float, numbers))
@@ -145,7 +144,7 @@ def make_robot(options: Options) -> SimulatedRobot:
 
 
 def main(options: Options) -> None:
-    """Simulate a robot in real time, or at a multiple, until Ctrl-C, SIGTERM or SIGHUP.
+    """Simulate a robot in real time, or at a multiple, until Ctrl-C.
 
     Raises:
         ValueError: an option has a value that is not allowed.
@@ -156,9 +155,6 @@ def main(options: Options) -> None:
         raise ValueError("url is of another server, port of one that is opened: give one of them")
     if options.port is None and options.bind != Options.bind:
         raise ValueError("bind needs a port")
-    hang_up = getattr(signal, "SIGHUP", signal.SIGTERM)  # Windows has none
-    if signal.getsignal(hang_up) is not signal.SIG_IGN:  # as under nohup
-        signal.signal(hang_up, signal.default_int_handler)
     with contextlib.suppress(KeyboardInterrupt), contextlib.ExitStack() as held:
         robot, url = make_robot(options), options.url or "ws://localhost:9090"
         if options.port is not None:  # after kernels are compiled: first come decides types of topics
@@ -169,8 +165,12 @@ def main(options: Options) -> None:
         server.run(threading.Event())
 
 
-cli = functools.partial(run_program, main, Options)
-"""Run `main` with options of the command line."""
+def cli() -> None:
+    """Run `main` with options of the command line; a closed terminal ends it as well, unless run by `nohup`."""
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, signal.default_int_handler)
+    run_program(main, Options)
+
 
 if __name__ == "__main__":
     cli()

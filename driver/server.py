@@ -16,7 +16,7 @@ from lidarnaut.envs.files import printable
 
 LOGGER = logging.getLogger(__name__)
 MAX_BYTES = 10_000_000
-"""Maximum size of a received message, as of rosbridge; the sender of a larger one is disconnected."""
+"""Maximum size of a received message, as of rosbridge, whose sender is disconnected, and of what waits for a client."""
 QUEUE, MAX_STALL = 1000, 10.0
 """Maximum number of messages that wait for a client (the newest), and maximum time in which it takes none [s]."""
 OPERATIONS = ("advertise", "unadvertise", "publish", "subscribe", "unsubscribe", "call_service", "set_level")
@@ -28,14 +28,17 @@ class Client:
 
     def __init__(self, connection: ServerConnection) -> None:
         self.connection, self.level = connection, "error"
-        self._waiting: asyncio.Queue[str] = asyncio.Queue(QUEUE)
+        self._waiting: asyncio.Queue[str] = asyncio.Queue()
+        self._size = 0
 
     def put(self, text: str, topic: str = "") -> None:
         """Send a text, or the text of a message of a topic, when the connection takes it."""
-        if self._waiting.full():
-            self._waiting.get_nowait()
-        message = f'{{"op": "publish", "topic": {json.dumps(topic)}, "msg": {text}}}'
-        self._waiting.put_nowait(message if topic else text)
+        if topic:
+            text = f'{{"op": "publish", "topic": {json.dumps(topic)}, "msg": {text}}}'
+        self._waiting.put_nowait(text)
+        self._size += len(text)
+        while self._waiting.qsize() > 1 and (self._waiting.qsize() > QUEUE or self._size > MAX_BYTES):
+            self._size -= len(self._waiting.get_nowait())
 
     def answer(self, data: dict[str, Any], **fields: Any) -> None:
         """Send an object, with the id of the client's one."""
@@ -45,6 +48,7 @@ class Client:
         """Send what waits, until the connection ends or stalls."""
         try:
             while text := await self._waiting.get():
+                self._size -= len(text)
                 async with asyncio.timeout(MAX_STALL):
                     await self.connection.send(text)
         except TimeoutError:
@@ -115,7 +119,7 @@ class RosbridgeServer:
             getattr(self, f"_{data['op']}")(client, data)
         except Exception as error:  # the connection stays
             data = data if isinstance(data, dict) else {}
-            told = printable(f"{data.get('op', 'message')!s:.40}: {error}")
+            told = printable(f"{data.get('op', 'message')!s:.40}: {error}")[:500]
             LOGGER.info("client %s: %s", client.connection.remote_address, told)
             if client.level != "none":
                 client.answer(data, op="status", level="error", msg=told)
@@ -128,7 +132,7 @@ class RosbridgeServer:
         return {_full(name): each["kind"] for (_, _, name, _), each in self._registered.items()}
 
     def _register(self, client: Client, data: dict[str, Any]) -> None:
-        name, kind, period = _get(data, "topic", str), _get(data, "type", str, ""), data.get("throttle_rate", 0)
+        name, kind, period = _get(data, "topic", str), _get(data, "type", str, ""), _get(data, "throttle_rate", int, 0)
         if kind and not KIND.fullmatch(kind):
             raise ValueError(f"{kind} is not a valid type string")
         topic, kind = _full(name), KIND.sub(r"\1/msg/\2", kind)
