@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.envs.arguments import check_positive
-from lidarnaut.envs.files import printable
 from lidarnaut.envs.logs import messages
 from lidarnaut.envs.simulation import Twist
 
@@ -101,7 +100,7 @@ class Server:
             command = Twist(*check_numbers("velocity command", (twist.linear.x, twist.angular.z)))
         except (AttributeError, ValueError) as error:
             if not self._has_warned:
-                LOGGER.warning("%s: wrong commands are dropped: %s", self._options.cmd_vel_topic, printable(error))
+                LOGGER.warning("%s: wrong commands are dropped: %s", self._options.cmd_vel_topic, error)
             self._has_warned = True
             return
         self._command, self._commanded = command, self.robot.time
