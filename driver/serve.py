@@ -1,4 +1,4 @@
-"""A simulated robot as ROS topics through rosbridge: `lidarnaut-serve --world turtlebot3_house --people 6`."""
+"""A simulated robot as ROS topics, without ROS or through rosbridge: `lidarnaut-serve --port 9090 --people 6`."""
 
 import contextlib
 import functools
@@ -17,6 +17,7 @@ from lidarnaut.envs.simulation import Twist
 
 from .program import run_program
 from .rosbridge import Rosbridge
+from .server import RosbridgeServer
 from .simulated_robot import SimulatedRobot
 
 LOGGER = logging.getLogger(__name__)
@@ -26,8 +27,12 @@ LOGGER = logging.getLogger(__name__)
 class Options:
     """Options of the simulated robot."""
 
-    url: str = "ws://localhost:9090"
-    """Address of the rosbridge server."""
+    port: int | None = None
+    """Port at which clients of rosbridge find the robot, such as 9090; no other server is needed."""
+    bind: str = "127.0.0.1"
+    """Address of the port; 0.0.0.0 lets other computers connect."""
+    url: str | None = None
+    """Address of another rosbridge server, instead of a port; default: ws://localhost:9090."""
     world: str = "turtlebot3_house"
     """Library world, procedural family, or path of a world or map YAML."""
     robot: str | None = None
@@ -58,19 +63,24 @@ class Options:
     """Whether commands are TwistStamped messages instead of Twist."""
 
 
+def check_numbers(kind: str, numbers: tuple[Any, ...]) -> tuple[float, ...]:
+    """Return numbers of a magnitude below 1000 as floats; ValueError for others."""
+    if not all(isinstance(each, int | float) and abs(each) < 1e3 for each in numbers):
+        raise ValueError(f"{kind} must be finite numbers")
+    return tuple(map(float, numbers))
+
+
 class Server:
     """Simulated robot that drives by `/cmd_vel`.
 
     Publishes `/clock`, `/scan`, `/odom`, `/imu`, `/tf` and `/tf_static`.
     """
 
-    def __init__(self, options: Options, bridge: Rosbridge) -> None:
-        """Place the robot and advertise its topics; ValueError for an unknown world or robot."""
+    def __init__(self, options: Options, bridge: Rosbridge, robot: SimulatedRobot | None = None) -> None:
+        """Advertise the topics of a robot, by default a new one; ValueError for an unknown world or robot."""
         o = self._options = options
-        self.robot = SimulatedRobot(
-            o.world, o.robot, physics=o.physics, people=o.people or None, start=o.start, rate=o.rate, seed=o.seed
-        )
-        self._bridge, self._command, self._commanded = bridge, Twist(0.0, 0.0), -math.inf
+        self.robot = robot or make_robot(options)
+        self._bridge, self._command, self._commanded, self._has_warned = bridge, Twist(0.0, 0.0), -math.inf, False
         self._next_scan = self.robot.robot.lidar.scan_time
         for topic, kind in {
             "/clock": "rosgraph_msgs/msg/Clock",
@@ -86,9 +96,15 @@ class Server:
         bridge.subscribe(o.cmd_vel_topic, kind, self._receive)
 
     def _receive(self, message: Any) -> None:
-        twist = getattr(message, "twist", message)
-        self._command = Twist(float(twist.linear.x), float(twist.angular.z))
-        self._commanded = self.robot.time
+        try:
+            twist = message.twist if self._options.stamped else message
+            command = Twist(*check_numbers("velocity command", (twist.linear.x, twist.angular.z)))
+        except (AttributeError, ValueError) as error:
+            if not self._has_warned:
+                LOGGER.warning("%s: wrong commands are dropped: %s", self._options.cmd_vel_topic, error)
+            self._has_warned = True
+            return
+        self._command, self._commanded = command, self.robot.time
 
     def step(self) -> None:
         """Publish the state of the robot, and simulate one period."""
@@ -119,19 +135,33 @@ class Server:
             time.sleep(max(ahead, 0.0))
 
 
+def make_robot(options: Options) -> SimulatedRobot:
+    """Place a robot in its world; ValueError for an unknown world or robot."""
+    o = options
+    return SimulatedRobot(
+        o.world, o.robot, physics=o.physics, people=o.people or None, start=o.start, rate=o.rate, seed=o.seed
+    )
+
+
 def main(options: Options) -> None:
     """Simulate a robot in real time, or at a multiple, until Ctrl-C.
 
     Raises:
         ValueError: an option has a value that is not allowed.
+        OSError: the port cannot be opened.
     """
     check_positive(speed=options.speed, rate=options.rate, scan_rate=options.scan_rate, timeout=options.timeout)
-    with (
-        contextlib.closing(Rosbridge(options.url, options.namespace)) as bridge,
-        contextlib.suppress(KeyboardInterrupt),
-    ):
-        server = Server(options, bridge)
-        LOGGER.info("%s in %s, start %s", server.robot.robot.name, server.robot.world.name, server.robot.start)
+    if options.port is not None and options.url is not None:
+        raise ValueError("url is of another server, port of one that is opened: give one of them")
+    if options.port is None and options.bind != Options.bind:
+        raise ValueError("bind needs a port")
+    with contextlib.suppress(KeyboardInterrupt), contextlib.ExitStack() as held:
+        robot, url = make_robot(options), options.url or "ws://localhost:9090"
+        if options.port is not None:  # after kernels are compiled: first come decides types of topics
+            url = held.enter_context(contextlib.closing(RosbridgeServer(options.port, options.bind))).url
+        bridge = held.enter_context(contextlib.closing(Rosbridge(url, options.namespace)))
+        server = Server(options, bridge, robot)
+        LOGGER.info("%s in %s, start %s, at %s", robot.robot.name, robot.world.name, robot.start, url)
         server.run(threading.Event())
 
 

@@ -19,10 +19,9 @@ from lidarnaut.baselines import EXPLORERS, OFFERED
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.driver import drive, serve
 from lidarnaut.driver.rosbridge import Rosbridge
+from lidarnaut.driver.server import RosbridgeServer
 from lidarnaut.envs.command_line import Count, run_command
 from lidarnaut.envs.tasks.coverage import Coverage
-
-from .broker import Broker
 
 WORLD, ROBOT, TARGET, TIME_LIMIT, MIN_DISTANCE = "turtlebot3_house", "turtlebot3_burger", 0.95, 600.0, 4.0
 
@@ -50,7 +49,7 @@ class Session(drive.Session):
 def drive_through_rosbridge(policy, people, seed, speed):
     """Return start pose, goal in the map frame (None for exploration) and time [s] of an episode."""
     with contextlib.ExitStack() as held:
-        broker = held.enter_context(contextlib.closing(Broker()))
+        broker = held.enter_context(contextlib.closing(RosbridgeServer()))
         bridges = [held.enter_context(contextlib.closing(Rosbridge(broker.url))) for _ in range(2)]
         served = {"world": WORLD, "robot": ROBOT, "people": people, "start": "random", "seed": seed, "speed": speed}
         server = serve.Server(serve.Options(url=broker.url, **served), bridges[0])
