@@ -29,7 +29,9 @@ class FrameTree:
     transforms that are not finite, not normalized, or from a frame to itself are ignored.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, max_rows: int | None = None) -> None:
+        """Begin without transforms. `max_rows`: maximum number of kept transforms per pair of frames."""
+        self._max_rows = max_rows
         self._rows: dict[str, dict[str, array[float]]] = {}
         self._static: set[tuple[str, str]] = set()
         self.ignored: dict[str, int] = {}
@@ -57,7 +59,10 @@ class FrameTree:
         if static and is_valid and child != parent:
             self._static.add((child, parent))
         if (child, parent) not in self._static or static:
-            self._rows.setdefault(child, {}).setdefault(parent, array("d")).extend(row)
+            rows = self._rows.setdefault(child, {}).setdefault(parent, array("d"))
+            rows.extend(row)
+            if self._max_rows is not None:
+                del rows[: -8 * self._max_rows]
 
     @property
     def frames(self) -> list[str]:
