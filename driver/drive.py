@@ -205,30 +205,29 @@ class Session:
     def _on_static(self, message: Any) -> None:
         with self._lock:
             self._frames.add(message, static=True)
-            self._use_scans()
+        self._use_scans()
 
     def _on_tf(self, message: Any) -> None:
         with self._lock:
             self._frames.add(message, static=False)
-            for one in message.transforms if self._has_odometry_on_tf else ():
-                if frame_name(one.header.frame_id) == self._frames.odom:
-                    pose = pose_of(one.transform.translation, one.transform.rotation)
-                    self._note_odometry(one.header.stamp, one.child_frame_id, pose)
-            self._use_scans()
+        for one in message.transforms if self._has_odometry_on_tf else ():
+            if frame_name(one.header.frame_id) == self._frames.odom:
+                pose = pose_of(one.transform.translation, one.transform.rotation)
+                self._note_odometry(one.header.stamp, one.child_frame_id, pose)
+        self._use_scans()
 
     def _on_odometry(self, message: Any) -> None:
-        pose = message.pose.pose
-        with self._lock:
-            if self._frames.is_expected("odometry", message.header.frame_id, self._frames.odom):
-                child = getattr(message, "child_frame_id", "")
-                self._note_odometry(message.header.stamp, child, pose_of(pose.position, pose.orientation))
+        if self._frames.is_expected("odometry", message.header.frame_id, self._frames.odom):
+            pose = pose_of(message.pose.pose.position, message.pose.pose.orientation)
+            self._note_odometry(message.header.stamp, getattr(message, "child_frame_id", ""), pose)
 
     def _note_odometry(self, stamp: Any, child: str, pose: Pose2D) -> None:
         time = seconds(stamp)
         self._clock.note(time)
-        base_pose = self._frames.base_pose(child, pose, self.time)
-        if base_pose is not None and self.driver is not None:
-            self.driver.odometry(base_pose, time)
+        with self._lock:
+            base_pose = self._frames.base_pose(child, pose, self.time)
+            if base_pose is not None and self.driver is not None:
+                self.driver.odometry(base_pose, time)
 
     def _on_imu(self, message: Any) -> None:
         with self._lock:
@@ -237,17 +236,18 @@ class Session:
                 self.driver.imu(yaw_rate, seconds(message.header.stamp))
 
     def _on_scan(self, message: Any) -> None:
+        self._clock.note(seconds(message.header.stamp))
         with self._lock:
-            self._clock.note(seconds(message.header.stamp))
             self._frames.receive(message)
-            self._use_scans()
+        self._use_scans()
 
     def _use_scans(self) -> None:
         """Pass the scans whose transform is known to the driver."""
-        for scan in self._frames.placed(self.time):
-            if self.driver is None:
-                self._use(self._make_driver(replace(self._robot, lidar=_lidar_of(scan, self._robot.lidar))))
-            self.driver.scan(*_on_beams(scan, self.driver.robot.lidar))  # type: ignore[union-attr]
+        with self._lock:
+            for scan in self._frames.placed(self.time):
+                if self.driver is None:
+                    self._use(self._make_driver(replace(self._robot, lidar=_lidar_of(scan, self._robot.lidar))))
+                self.driver.scan(*_on_beams(scan, self.driver.robot.lidar))  # type: ignore[union-attr]
 
     def _on_goal(self, message: Any) -> None:
         frames, frame = self._frames, frame_name(message.header.frame_id)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs.bag import BASE_FRAMES
 from lidarnaut.envs.logs.scans import MAX_RANGE_LIMIT, Limits, Scan, in_base_frame, usable_scans, with_checked_times
-from lidarnaut.envs.logs.transforms import MIN_LEVEL, MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
+from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
 from lidarnaut.envs.robots import LidarParams
 
 LOGGER = logging.getLogger(__name__)
@@ -20,6 +20,8 @@ MAX_WAITING, MAX_TRANSFORMS, MAX_SAID = 20, 1000, 100
 """Maximum numbers of scans that wait for a transform, of transforms per pair of frames, and of different warnings."""
 WAIT_FOR_TREE, WAIT_FOR_TRANSFORM = 3.0, 5.0
 """Time without any transform until the robot YAML places sensors, and without that of a sensor until a warning [s]."""
+SAME_MOUNT = 0.05
+"""Maximum difference of mounts that count as equal [m, rad]."""
 NEGLIGIBLE = 1e-6
 """Components of an angular velocity with smaller weights are not used, and may be invalid."""
 FAULTS = {
@@ -38,7 +40,7 @@ class Frames:
         self.map, self.odom = frame_name(options.map_frame), frame_name(options.odom_frame)
         self.base, self.laser = frame_name(options.base_frame or ""), frame_name(options.laser_frame or "")
         """Names of base and lidar frame; empty while unknown."""
-        self._options, self._lidar, self._has_option = options, lidar, bool(self.base)
+        self._options, self._lidar, self._has_default = options, lidar, False
         self._mount, mount = np.eye(4), lidar.mount
         self._mount[:3, :3] = Rotation.from_euler("z", mount.yaw).as_matrix()
         self._mount[:3, 3] = mount.x, mount.y, mount.z
@@ -67,7 +69,7 @@ class Frames:
     def base_pose(self, child: str, pose: Pose2D, now: float) -> Pose2D | None:
         """Return the base pose, given the pose of odometry's child frame; None if they are not connected."""
         child = frame_name(child)
-        if not self._has_option:
+        if not self._options.base_frame:
             if not (self.base or child) and (names := set(BASE_FRAMES) & set(self._tree.frames)):
                 child = min(names, key=BASE_FRAMES.index)
                 self._say("child", "odometry has no child_frame_id: %r of the transforms is the base", child)
@@ -83,9 +85,9 @@ class Frames:
         mount = self._find("IMU", self.base, frame_name(message.header.frame_id), math.inf, now, np.eye(4))
         if mount is None:
             return None
-        rates = message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z
-        weighted = zip(mount[2, :3].tolist(), rates)
-        return sum(weight * number(rate) for weight, rate in weighted if abs(weight) > NEGLIGIBLE)
+        rate, weights = message.angular_velocity, mount[2, :3]
+        is_used = abs(weights) > NEGLIGIBLE
+        return float(weights[is_used] @ np.array([rate.x, rate.y, rate.z], dtype=np.float64)[is_used])
 
     def receive(self, message: Any) -> None:
         """Receive a scan, which waits for its transform."""
@@ -97,7 +99,7 @@ class Frames:
         given = [] if message.ranges is None else message.ranges
         with np.errstate(over="ignore"):  # out of range
             ranges = np.array([missing if each is None else each for each in given], dtype=np.float32)
-        beams = number(message.angle_min), number(message.angle_increment), *self._limits(message)
+        beams = number(message, "angle_min"), number(message, "angle_increment"), *self._limits(message)
         increment = float(getattr(message, "time_increment", None) or 0.0)
         scan = Scan(ranges, *beams, time=stamp, time_increment=increment)
         interval, self._stamp = stamp - self._stamp, stamp
@@ -116,6 +118,10 @@ class Frames:
                 mount = self._find("scans", self.base, self.laser, self._waiting[0].time, now, self._mount)
             if mount is None:
                 break
+            if self._has_default and not np.allclose(mount[:2], self._mount[:2], rtol=0.0, atol=SAME_MOUNT):
+                self._say("late", "the lidar's transform is late, and not the mount used so far: restart")
+                break
+            self._has_default |= mount is self._mount
             placed += self._usable(self._waiting.popleft(), mount)
         return placed
 
@@ -124,6 +130,7 @@ class Frames:
         if not (self._waiting and reason.startswith("no scan")):
             return reason
         wanted = f"a transform from {self.base!r} to {self.laser!r}" if self.base else "odometry with a child frame"
+        wanted = "a restart" if "late" in self._said else wanted
         return f"{reason} (scans wait for {wanted})"
 
     def _find(
@@ -154,11 +161,10 @@ class Frames:
 
     def _usable(self, scan: Scan, mount: np.ndarray) -> list[Scan]:
         """Return the scan in the base frame, with counter-clockwise beams; none, and a warning, if it is unusable."""
-        upright = abs(mount[2, 2])
-        if upright < MIN_LEVEL:
-            tilt, use = math.degrees(math.acos(upright)), "used as level" if upright >= MIN_UPRIGHT else "not used"
-            self._say(f"tilt {use}", "the lidar is tilted by %.0f degrees: its scans are %s", tilt, use)
-        if upright < MIN_UPRIGHT:
+        if (upright := abs(mount[2, 2])) < MIN_UPRIGHT:
+            self._say(
+                "tilt", "scans are dropped: the lidar is tilted by %.0f degrees", math.degrees(math.acos(upright))
+            )
             return []
         try:
             return usable_scans([in_base_frame(scan, mount)], Limits())[0]
@@ -168,7 +174,7 @@ class Frames:
 
     def _limits(self, message: Any) -> tuple[float, float]:
         """Return minimum and maximum range of a scan [m]; those of the robot YAML for invalid ones."""
-        given = low, high = number(getattr(message, "range_min", None)), number(getattr(message, "range_max", None))
+        given = low, high = number(message, "range_min"), number(message, "range_max")
         if not 0.0 < high <= MAX_RANGE_LIMIT:
             high = min(self._lidar.range_max, MAX_RANGE_LIMIT)
         if not 0.0 < low < high:
@@ -186,6 +192,7 @@ class Frames:
             LOGGER.warning(text, *values)
 
 
-def number(value: Any) -> float:
-    """Return a number of a message; NaN for null."""
+def number(message: Any, name: str) -> float:
+    """Return a number of a message; NaN if it is null or absent."""
+    value = getattr(message, name, None)
     return math.nan if value is None else float(value)
