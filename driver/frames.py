@@ -156,7 +156,7 @@ class Frames:
             return default
         if now - began >= WAIT_FOR_TRANSFORM:
             frames = [f"{name!r} (invalid)" if name in self._tree.ignored else repr(name) for name in self._tree.frames]
-            self._say(what, f"{FAULTS[what]}; frames with transforms: %s", base, frame, ", ".join(frames))
+            self._say(what, f"{FAULTS[what]}; frames with transforms: %s", base, frame, ", ".join(frames) or "none")
         return None
 
     def _usable(self, scan: Scan, mount: np.ndarray) -> list[Scan]:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from .bag_reader import BagReader
+from .trajectory import MAX_CLOCK_JUMP
 
 MAX_STAMP = 2.0**33
 """Upper bound of time stamps [s]; ROS has 32 bits for seconds."""
@@ -30,7 +31,11 @@ class FrameTree:
     """
 
     def __init__(self, max_rows: int | None = None) -> None:
-        """Begin without transforms. `max_rows`: maximum number of kept transforms per pair of frames."""
+        """Begin without transforms.
+
+        `max_rows`: maximum number of kept transforms per pair of frames, for a robot that drives; they begin anew if
+        the clock steps back.
+        """
         self._max_rows = max_rows
         self._rows: dict[str, dict[str, array[float]]] = {}
         self._static: set[tuple[str, str]] = set()
@@ -60,9 +65,10 @@ class FrameTree:
             self._static.add((child, parent))
         if (child, parent) not in self._static or static:
             rows = self._rows.setdefault(child, {}).setdefault(parent, array("d"))
-            rows.extend(row)
             if self._max_rows is not None:
-                del rows[: -8 * self._max_rows]
+                has_stepped_back = len(rows) > 0 and row[0] < rows[-8] - MAX_CLOCK_JUMP
+                del rows[: None if has_stepped_back else -8 * (self._max_rows - 1)]
+            rows.extend(row)
 
     @property
     def frames(self) -> list[str]:

@@ -124,6 +124,14 @@ def test_scans_wait_for_their_transform_and_the_newest_are_kept(caplog):
 
 
 def test_a_missing_transform_is_named_once_after_five_seconds_of_the_robots_clock(caplog):
+    frames = frames_of(laser_frame="rear")
+    frames.add(edge("odom", "base_link"), static=False)
+    assert odometry(frames) is not None
+    frames.receive(scan_of("rear"))
+    for now in (0.0, WAIT_FOR_TRANSFORM):
+        assert frames.placed(now) == []
+    assert [text.rpartition(": ")[2] for text in caplog.messages] == ["none"]
+    caplog.clear()
     frames = frames_of()
     frames.add(LASER, static=True)
     invalid = edge("base_link", "rear")
@@ -193,6 +201,41 @@ def test_a_lidar_on_a_joint_that_moves_is_placed_at_the_time_of_each_scan():
     np.testing.assert_allclose(found[1] + found[3], [(0.1, 0.0, 0.0), turned], atol=1e-6)
 
 
+def test_transforms_begin_anew_if_the_clock_steps_back():
+    frames = frames_of()
+    odometry(frames)
+    for time, yaw in ((100.0, 1.0), (101.0, 2.0), (10.0, 0.2), (11.0, 0.4)):
+        frames.add(edge("base_link", "laser", yaw=yaw, time=time), static=False)
+    frames.receive(scan_of(time=10.5))
+    assert mounts_of(frames.placed(10.5)) == [pytest.approx((0.0, 0.0, 0.3))]
+    frames.receive(scan_of(time=100.5))
+    assert frames.placed(11.0) == []
+
+
+def test_a_static_transform_that_is_sent_again_moves_the_lidar():
+    frames = frames_of()
+    odometry(frames)
+    found = []
+    for yaw in (0.5, 1.5):
+        frames.add(edge("base_link", "laser", yaw=yaw), static=True)
+        frames.receive(scan_of())
+        found += mounts_of(frames.placed(0.0))
+    np.testing.assert_allclose(found, [(0.0, 0.0, 0.5), (0.0, 0.0, 1.5)])
+
+
+def test_the_wait_for_a_transform_begins_anew_after_each_scan_that_was_placed(caplog):
+    frames = frames_of()
+    odometry(frames)
+    for time in (0.0, 1.0):
+        frames.add(edge("base_link", "laser", yaw=0.1 * time, time=time), static=False)
+    for now in (4.0, 8.0, 12.0):
+        frames.receive(scan_of(time=now))
+        assert frames.placed(now) == []
+        frames.add(edge("base_link", "laser", yaw=0.1 * now, time=now), static=False)
+        assert len(frames.placed(now)) == 1
+    assert not caplog.records
+
+
 def test_memory_of_transforms_is_limited():
     frames = frames_of()
     for k in range(MAX_TRANSFORMS + 100):
@@ -256,6 +299,13 @@ def test_scans_may_lack_range_limits_and_times():
     frames.receive(scan)
     (scan,) = frames.placed(0.0)
     assert (scan.range_min, scan.range_max, scan.time_increment) == (0.1, 3.5, 0.0)
+
+
+@pytest.mark.parametrize(("no_return", "expected"), [("inf", math.inf), ("nan", math.nan)])
+def test_ranges_that_are_null(no_return, expected):
+    frames = frames_of(lidar_from_robot=True, no_return=no_return)
+    frames.receive(scan_of(ranges=[1.0, None, 2.0, None]))
+    np.testing.assert_array_equal(frames.placed(0.0)[0].ranges, [1.0, expected, 2.0, expected])
 
 
 @pytest.mark.parametrize(
