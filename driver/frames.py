@@ -38,7 +38,7 @@ class Frames:
     def __init__(self, options: Any, lidar: LidarParams) -> None:
         """Begin without transforms. `options`: those of `lidarnaut.driver.drive`; `lidar`: that of the robot YAML."""
         self.map, self.odom = frame_name(options.map_frame), frame_name(options.odom_frame)
-        self.base, self.laser = frame_name(options.base_frame or ""), frame_name(options.laser_frame or "")
+        self.base, self.laser = frame_name(options.base_frame), frame_name(options.laser_frame)
         """Names of base and lidar frame; empty while unknown."""
         self._options, self._lidar, self._has_default = options, lidar, False
         self._mount, mount = np.eye(4), lidar.mount
@@ -58,7 +58,7 @@ class Frames:
                 self._tree.add(one, static)
                 self._fixed.clear()
 
-    def is_expected(self, what: str, given: str, frame: str, *, once: bool = True) -> bool:
+    def is_expected(self, what: str, given: str | None, frame: str, *, once: bool = True) -> bool:
         """Return whether messages are of a frame, or of none; otherwise give a warning."""
         if (given := frame_name(given)) in ("", frame):
             return True
@@ -66,7 +66,7 @@ class Frames:
         self._say(f"{what} {given}" if once else "", text, what, given, frame)
         return False
 
-    def base_pose(self, child: str, pose: Pose2D, now: float) -> Pose2D | None:
+    def base_pose(self, child: str | None, pose: Pose2D, now: float) -> Pose2D | None:
         """Return the base pose, given the pose of odometry's child frame; None if they are not connected."""
         child = frame_name(child)
         if not self._options.base_frame:

@@ -148,9 +148,9 @@ class FrameTree:
         return result
 
 
-def frame_name(name: str) -> str:
-    """Return a frame's name without the leading slash of ROS 1."""
-    return name.lstrip("/")
+def frame_name(name: str | None) -> str:
+    """Return a frame's name without the leading slash of ROS 1; empty for none."""
+    return (name or "").lstrip("/")
 
 
 def seconds(stamp: Any) -> float:

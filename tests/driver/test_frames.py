@@ -83,6 +83,7 @@ LASER = edge("base_link", "laser", 0.2, 0.0, 1.5)
         ([edge("base_footprint", "base_link", 0.1), LASER], {"base_frame": "/base_link"}, (0.2, 0.0, 1.5)),
         ([edge("base_footprint", "base_link", 0.1), LASER], {"child": ""}, (0.3, 0.0, 1.5)),
         ([LASER], {"child": ""}, (0.2, 0.0, 1.5)),
+        ([LASER], {"child": None}, (0.2, 0.0, 1.5)),
         ([edge("base_link", "laser", 5.0), LASER], {}, (0.2, 0.0, 1.5)),  # sent again with another value
         ([edge("base_link", "laser", 0.2, time=k) for k in range(3)], {"static": False}, (0.2, 0.0, 0.0)),  # ROS 1
         ([], {"frame": "base_link"}, (0.0, 0.0, 0.0)),
