@@ -458,13 +458,6 @@ def test_a_robot_without_the_transform_of_its_lidar_stands(caplog):
     assert "no transform from 'base_link' to 'laser'" in caplog.text
 
 
-@pytest.mark.parametrize("stamped", [False, True])
-def test_commands_are_of_the_base_frame(stamped):
-    _, _, topics = driven(3, edge("base_link", "laser", -0.032), stamped=stamped)
-    command = topics.sent["/cmd_vel"]
-    assert (command.header.frame_id if stamped else "base_link") == "base_link"
-
-
 def pose_message(frame, pose):
     made = messages.path(1.0, np.array([pose[:2]])).poses[0]
     made.header.frame_id = frame
