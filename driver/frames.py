@@ -25,7 +25,7 @@ SAME_MOUNT = 0.05
 NEGLIGIBLE = 1e-6
 """Components of an angular velocity with smaller weights are not used, and may be invalid."""
 FAULTS = {
-    "scans": "scans wait: no transform from %r to %r; --lidar-from-robot uses the mount of the robot YAML",
+    "scans": "scans wait: no transform from %r (--base-frame) to %r; --lidar-from-robot uses that of the robot YAML",
     "IMU": "the IMU is not used: no fixed transform from %r to %r",
     "odometry": "odometry is not used: no fixed transform from %r to --base-frame %r",
 }
@@ -129,7 +129,11 @@ class Frames:
         """Return the reason of a stop, and what scans wait for."""
         if not (self._waiting and reason.startswith("no scan")):
             return reason
-        wanted = f"a transform from {self.base!r} to {self.laser!r}" if self.base else "odometry with a child frame"
+        wanted = (
+            f"a transform from {self.base!r} to {self.laser!r}"
+            if self.base
+            else "odometry with a child frame, or --base-frame"
+        )
         wanted = "a restart" if "late" in self._said else wanted
         return f"{reason} (scans wait for {wanted})"
 

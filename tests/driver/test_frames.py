@@ -148,8 +148,8 @@ def test_a_missing_transform_is_named_once_after_five_seconds_of_the_robots_cloc
     (record,) = caplog.records
     assert record.levelno == logging.WARNING
     assert record.message == (
-        "scans wait: no transform from 'base_link' to 'rear'; --lidar-from-robot uses the mount of the robot YAML; "
-        "frames with transforms: 'base_link', 'laser', 'rear' (invalid)"
+        "scans wait: no transform from 'base_link' (--base-frame) to 'rear'; "
+        "--lidar-from-robot uses that of the robot YAML; frames with transforms: 'base_link', 'laser', 'rear' (invalid)"
     )
 
 
@@ -379,6 +379,17 @@ def test_the_pose_of_another_frame_of_odometry_is_moved_to_the_base(caplog):
     assert caplog.messages == [text + "frames with transforms: 'base_footprint', 'base_link'"]
 
 
+def test_odometry_without_child_frame_needs_an_option_if_no_transform_has_a_usual_name(caplog):
+    frames = frames_of()
+    frames.add(edge("base", "laser"), static=True)
+    assert odometry(frames, "") == (1.0, 2.0, math.pi / 2)
+    frames.receive(scan_of())
+    assert frames.placed(0.0) == frames.placed(WAIT_FOR_TRANSFORM) == []
+    assert "no transform from '' (--base-frame) to 'laser'" in caplog.text
+    assert "--base-frame" in frames.explain("no scan yet")
+    assert mount_by(edge("base", "laser", 0.2), child="", base_frame="base") == (0.2, 0.0, 0.0)
+
+
 def test_odometry_of_a_second_frame_is_ignored(caplog):
     frames = frames_of()
     assert odometry(frames, "base_link") == (1.0, 2.0, math.pi / 2)
@@ -455,7 +466,7 @@ def test_a_robot_without_the_transform_of_its_lidar_stands(caplog):
     session, robot, _ = driven(60, edge("base_footprint", "laser", -0.032))
     assert robot.pose == robot.start
     assert session.reason == "no scan yet (scans wait for a transform from 'base_link' to 'laser')"
-    assert "no transform from 'base_link' to 'laser'" in caplog.text
+    assert "no transform from 'base_link' (--base-frame) to 'laser'" in caplog.text
 
 
 def pose_message(frame, pose):
