@@ -17,9 +17,10 @@ import numpy as np
 from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.baselines import EXPLORERS, OFFERED
 from lidarnaut.envs.arguments import check_positive
-from lidarnaut.envs.geometry import wrap_angle
-from lidarnaut.envs.logs.scans import Limits, Scan, in_base_frame, resampled, usable_scans, with_checked_times
-from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, seconds
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.logs import messages
+from lidarnaut.envs.logs.scans import Scan, resampled
+from lidarnaut.envs.logs.transforms import frame_name, seconds
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.robots import LidarParams, Mount, RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
@@ -28,6 +29,7 @@ from lidarnaut.envs.worlds.map_files import map_paths
 
 from .commands import BridgeCommands, CommandProcess, CommandTopic, local_time
 from .driver import STOP, Driver
+from .frames import Frames
 from .program import Clock, ignore_signals, run_program, time_limited
 from .progress import Progress
 from .recorder import SafeRecorder
@@ -79,8 +81,10 @@ class Options:
     save_map: Path | None = None
     """Map to write at the end, `NAME.yaml` of map_server."""
     lidar_from_messages: bool = False
-    """Take beams and mount of the lidar from the first scan and `/tf_static`; otherwise, scans are resampled to the
+    """Take beams and mount of the lidar from the first scan and its transform; otherwise, scans are resampled to the
     beams of the robot YAML."""
+    lidar_from_robot: bool = False
+    """Take the mount of the lidar from the robot YAML instead of `/tf_static` and `/tf`."""
     no_return: str = "inf"
     """Meaning of ranges that rosbridge sends as null: `inf` (no return) or `nan` (invalid); with `zero`, as with this
     key of the robot's lidar, ranges of 0.0 are no return as well."""
@@ -104,7 +108,8 @@ class Options:
     cmd_vel_topic: str = "/cmd_vel"
     map_frame: str = "map"
     odom_frame: str = "odom"
-    base_frame: str = "base_footprint"
+    base_frame: str | None = None
+    """Base of the robot, between its wheels; default: the child frame of the odometry."""
     laser_frame: str | None = None
     """Frame of the scans; default: that of the first scan. Messages of other frames are ignored, with a warning."""
 
@@ -132,7 +137,7 @@ class Session:
         if options.save_map is not None and not map_paths(options.save_map)[1].parent.is_dir():
             raise ValueError(f"save_map: {options.save_map.parent} is not a folder")
         self.options, self._bridge, self._clock = options, bridge, Clock()
-        self._lock, self._tree = threading.RLock(), FrameTree()
+        self._lock = threading.RLock()
         robot = load_robot(options.robot)
         max_v, max_w = options.max_v or robot.max_v, options.max_w or robot.max_w
         lidar = replace(robot.lidar, no_return="zero") if options.no_return == "zero" else robot.lidar
@@ -142,14 +147,12 @@ class Session:
         first = self._make_driver(self._robot)  # also checks the options
         if not options.lidar_from_messages:
             self._use(first)
-        self._laser_frame, self._ignored = options.laser_frame, set[str]()
-        self._mount: np.ndarray | None = None
-        self._scan_stamp, self._ignores_times = -math.inf, False
+        self._frames = Frames(options, lidar)
         self._permitted = -math.inf
         self._sim_time, self._progress = math.nan, Progress(options.goal)
         self.reason = "no scan yet"
         """Why the last command was a stop; empty while driving."""
-        self._viewer = Viewer(viewer or bridge, options.map_frame, options.odom_frame)
+        self._viewer = Viewer(viewer or bridge, self._frames.map, self._frames.odom)
         self._commands = commands
         if commands is None and not options.dry_run:
             self._commands = BridgeCommands(bridge, command_topic(options))
@@ -185,9 +188,9 @@ class Session:
             bridge.subscribe("/clock", "rosgraph_msgs/msg/Clock", self._on_clock)
         bridge.subscribe("/tf_static", "tf2_msgs/msg/TFMessage", self._on_static)
         bridge.subscribe(o.scan_topic, "sensor_msgs/msg/LaserScan", self._on_scan)
-        if o.odom_topic.rpartition("/")[2] == "tf":
-            bridge.subscribe(o.odom_topic, "tf2_msgs/msg/TFMessage", self._on_tf)
-        else:
+        self._has_odometry_on_tf = o.odom_topic.rpartition("/")[2] == "tf"
+        bridge.subscribe(o.odom_topic if self._has_odometry_on_tf else "/tf", "tf2_msgs/msg/TFMessage", self._on_tf)
+        if not self._has_odometry_on_tf:
             bridge.subscribe(o.odom_topic, "nav_msgs/msg/Odometry", self._on_odometry)
         if o.imu_topic is not None:
             bridge.subscribe(o.imu_topic, "sensor_msgs/msg/Imu", self._on_imu)
@@ -209,107 +212,81 @@ class Session:
 
     def _on_static(self, message: Any) -> None:
         with self._lock:
-            for one in message.transforms:
-                self._tree.add(one, static=True)
-
-    def _on_odometry(self, message: Any) -> None:
-        if self._is_expected(message.header.frame_id, self.options.odom_frame):
-            self._note_odometry(message.header.stamp, message.pose.pose.position, message.pose.pose.orientation)
+            self._frames.add(message, static=True)
+        self._use_scans()
 
     def _on_tf(self, message: Any) -> None:
-        for one in message.transforms:
-            is_odometry = frame_name(one.header.frame_id) == self.options.odom_frame
-            if is_odometry and self._is_expected(one.child_frame_id, self.options.base_frame):
-                self._note_odometry(one.header.stamp, one.transform.translation, one.transform.rotation)
+        with self._lock:
+            self._frames.add(message, static=False)
+        for one in message.transforms if self._has_odometry_on_tf else ():
+            if frame_name(one.header.frame_id) == self._frames.odom:
+                pose = pose_of(one.transform.translation, one.transform.rotation)
+                self._note_odometry(one.header.stamp, one.child_frame_id, pose)
+        self._use_scans()
 
-    def _note_odometry(self, stamp: Any, position: Any, rotation: Any) -> None:
+    def _on_odometry(self, message: Any) -> None:
+        if self._frames.is_expected("odometry", message.header.frame_id, self._frames.odom):
+            pose = pose_of(message.pose.pose.position, message.pose.pose.orientation)
+            self._note_odometry(message.header.stamp, getattr(message, "child_frame_id", ""), pose)
+
+    def _note_odometry(self, stamp: Any, child: str, pose: Pose2D) -> None:
         time = seconds(stamp)
         self._clock.note(time)
         with self._lock:
-            if self.driver is not None:
-                self.driver.odometry((position.x, position.y, yaw_of(rotation)), time)
+            base_pose = self._frames.base_pose(child, pose, self.time)
+            if base_pose is not None and self.driver is not None:
+                self.driver.odometry(base_pose, time)
 
     def _on_imu(self, message: Any) -> None:
         with self._lock:
-            if self.driver is not None:
-                self.driver.imu(message.angular_velocity.z, seconds(message.header.stamp))
+            yaw_rate = self._frames.yaw_rate(message, self.time)
+            if yaw_rate is not None and self.driver is not None:
+                self.driver.imu(yaw_rate, seconds(message.header.stamp))
 
     def _on_scan(self, message: Any) -> None:
-        stamp, frame = seconds(message.header.stamp), frame_name(message.header.frame_id)
-        self._clock.note(stamp)
-        self._laser_frame = self._laser_frame or frame
-        if not self._is_expected(message.header.frame_id, self._laser_frame):
-            return
-        missing = math.nan if self.options.no_return == "nan" else math.inf
-        with np.errstate(over="ignore"):  # out of range
-            ranges = np.array([missing if each is None else each for each in message.ranges], dtype=np.float32)
-        beams = message.angle_min, message.angle_increment, message.range_min, message.range_max
-        scan = Scan(ranges, *beams, time=stamp, time_increment=float(getattr(message, "time_increment", 0.0) or 0.0))
-        interval, self._scan_stamp = stamp - self._scan_stamp, stamp
-        checked = with_checked_times(scan, interval if interval > 0.0 else math.inf)
-        if checked is not scan and not self._ignores_times:
-            self._ignores_times = True
-            text = "time_increment of scans is ignored: %g s for each of %d beams, but %.3g s between scans"
-            LOGGER.warning(text, scan.time_increment, len(ranges), interval)
+        self._clock.note(seconds(message.header.stamp))
         with self._lock:
-            if (placed := self._in_base_frame(checked, frame)) is not None:
+            self._frames.receive(message)
+        self._use_scans()
+
+    def _use_scans(self) -> None:
+        """Pass the scans whose transform is known to the driver."""
+        with self._lock:
+            for scan in self._frames.placed(self.time):
                 if self.driver is None:
-                    self._use(self._make_driver(replace(self._robot, lidar=self._lidar_of(placed))))
-                self.driver.scan(*_on_beams(placed, self.driver.robot.lidar))  # type: ignore[union-attr]
-
-    def _in_base_frame(self, scan: Scan, frame: str) -> Scan | None:
-        """Return a usable scan, placed by `/tf_static`, otherwise by the robot YAML."""
-        if self._mount is None:
-            found = self._tree.find(self.options.base_frame, frame, np.array([scan.time]))
-            self._mount = None if found is None or not abs(found[0, 2, 2]) >= MIN_UPRIGHT else found[0]
-        if self._mount is not None:
-            scan = in_base_frame(scan, self._mount)
-        elif self.options.lidar_from_messages:
-            LOGGER.info("waiting for a transform from %s to %s, a level lidar", self.options.base_frame, frame)
-            return None
-        else:
-            mount = self._robot.lidar.mount
-            scan = scan._replace(first=mount.yaw + scan.first, position=(mount.x, mount.y, mount.z))
-        (scan,), _ = usable_scans([scan], Limits())
-        return scan
-
-    def _lidar_of(self, scan: Scan) -> LidarParams:
-        fov, count = scan.step * (len(scan.ranges) - 1), len(scan.ranges)
-        mount = Mount(*scan.position, yaw=scan.first + 0.5 * fov)
-        low, high = scan.range_min, scan.range_max
-        return replace(self._robot.lidar, num_beams=count, fov=fov, mount=mount, range_min=low, range_max=high)
+                    self._use(self._make_driver(replace(self._robot, lidar=_lidar_of(scan, self._robot.lidar))))
+                self.driver.scan(*_on_beams(scan, self.driver.robot.lidar))  # type: ignore[union-attr]
 
     def _on_goal(self, message: Any) -> None:
-        position, rotation = message.pose.position, message.pose.orientation
+        frames, frame = self._frames, frame_name(message.header.frame_id)
+        goal = pose_of(message.pose.position, message.pose.orientation)
         with self._lock:
-            if self.driver is not None and self._is_expected(message.header.frame_id, self.options.map_frame):
-                if not self.driver.takes_headings:  # RViz always sends one
-                    LOGGER.warning("learned policies do not turn to headings: that of the goal is ignored")
-                    rotation = None
-                self.driver.goal(position.x, position.y, None if rotation is None else yaw_of(rotation))
+            if (driver := self.driver) is None:
+                LOGGER.warning("goals before the first scan are ignored")
+                return
+            if frame and frame in (frames.odom, frames.base) and driver.has_begun:
+                goal = (driver.map_to_odometry if frame == frames.odom else driver.belief.pose).compose(goal)
+            elif not frames.is_expected("goal", frame, frames.map, once=False):
+                return
+            if not driver.takes_headings:  # RViz always sends one
+                LOGGER.warning("learned policies do not turn to headings: that of the goal is ignored")
+            driver.goal(goal.x, goal.y, goal.theta if driver.takes_headings else None)
 
     def _on_initial_pose(self, message: Any) -> None:
-        pose = message.pose.pose
+        frames, frame, pose = self._frames, message.header.frame_id, message.pose.pose
         with self._lock:
-            if self.driver is not None and self._is_expected(message.header.frame_id, self.options.map_frame):
-                self.driver.initial_pose(pose.position.x, pose.position.y, yaw_of(pose.orientation))
-
-    def _is_expected(self, given: str, frame: str) -> bool:
-        if (given := frame_name(given)) == frame:
-            return True
-        if given not in self._ignored:
-            self._ignored.add(given)
-            LOGGER.warning("messages of frame %r are ignored, expected %r; see the options of frames", given, frame)
-        return False
+            if self.driver is not None and frames.is_expected("initial pose", frame, frames.map, once=False):
+                self.driver.initial_pose(*pose_of(pose.position, pose.orientation))
 
     def step(self) -> Twist:
         """Send the next command, and estimates for RViz; return the command."""
         now, began, o = self.time, local_time(), self.options
         with self._lock:
             if (driver := self.driver) is None or math.isnan(now):
+                self.reason = self._frames.explain("no scan yet")
                 return STOP
             command = driver.command(now, self._why_held())
-            self.reason = driver.reason
+            self.reason = driver.reason = self._frames.explain(driver.reason)
             if o.dry_run:
                 LOGGER.info("%.2f s: %.3f m/s, %.3f rad/s", now, *command)
             else:
@@ -382,8 +359,16 @@ class Session:
 def command_topic(options: Options) -> CommandTopic:
     """Return where and how the commands of a drive are sent."""
     o = options
-    period = 1.0 / o.control_hz
-    return CommandTopic(o.cmd_vel_topic, o.stamped, o.base_frame, o.url, o.namespace, period, o.timeout)
+    period, frame = 1.0 / o.control_hz, o.base_frame or messages.BASE
+    return CommandTopic(o.cmd_vel_topic, o.stamped, frame, o.url, o.namespace, period, o.timeout)
+
+
+def _lidar_of(scan: Scan, lidar: LidarParams) -> LidarParams:
+    """Return a lidar with beams and mount of a scan."""
+    fov, count = scan.step * (len(scan.ranges) - 1), len(scan.ranges)
+    mount = Mount(*scan.position, yaw=scan.first + 0.5 * fov)
+    low, high = scan.range_min, scan.range_max
+    return replace(lidar, num_beams=count, fov=fov, mount=mount, range_min=low, range_max=high)
 
 
 def _on_beams(scan: Scan, lidar: LidarParams) -> tuple[np.ndarray, float, np.ndarray]:
@@ -398,10 +383,10 @@ def _on_beams(scan: Scan, lidar: LidarParams) -> tuple[np.ndarray, float, np.nda
     return ranges, scan.time, scan.delay + scan.time_increment * np.clip(steps, 0.0, len(scan.ranges) - 1.0)
 
 
-def yaw_of(quaternion: Any) -> float:
-    """Return the yaw of a quaternion message [rad]."""
-    x, y, z, w = quaternion.x, quaternion.y, quaternion.z, quaternion.w
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+def pose_of(position: Any, q: Any) -> Pose2D:
+    """Return x, y [m] and yaw [rad] of a point and a quaternion message."""
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    return Pose2D(position.x, position.y, yaw)
 
 
 def main(options: Options) -> None:

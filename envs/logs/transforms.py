@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from .bag_reader import BagReader
+from .trajectory import MAX_CLOCK_JUMP
 
 MAX_STAMP = 2.0**33
 """Upper bound of time stamps [s]; ROS has 32 bits for seconds."""
@@ -29,7 +30,13 @@ class FrameTree:
     transforms that are not finite, not normalized, or from a frame to itself are ignored.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, max_rows: int | None = None) -> None:
+        """Begin without transforms.
+
+        `max_rows`: maximum number of kept transforms per pair of frames, for a robot that drives; they begin anew if
+        the clock steps back.
+        """
+        self._max_rows = max_rows
         self._rows: dict[str, dict[str, array[float]]] = {}
         self._static: set[tuple[str, str]] = set()
         self.ignored: dict[str, int] = {}
@@ -57,7 +64,11 @@ class FrameTree:
         if static and is_valid and child != parent:
             self._static.add((child, parent))
         if (child, parent) not in self._static or static:
-            self._rows.setdefault(child, {}).setdefault(parent, array("d")).extend(row)
+            rows = self._rows.setdefault(child, {}).setdefault(parent, array("d"))
+            if self._max_rows is not None:
+                has_stepped_back = len(rows) > 0 and row[0] < rows[-8] - MAX_CLOCK_JUMP
+                del rows[: None if has_stepped_back else -8 * (self._max_rows - 1)]
+            rows.extend(row)
 
     @property
     def frames(self) -> list[str]:
@@ -137,9 +148,9 @@ class FrameTree:
         return result
 
 
-def frame_name(name: str) -> str:
-    """Return a frame's name without the leading slash of ROS 1."""
-    return name.lstrip("/")
+def frame_name(name: str | None) -> str:
+    """Return a frame's name without the leading slash of ROS 1; empty for none."""
+    return (name or "").lstrip("/")
 
 
 def seconds(stamp: Any) -> float:
