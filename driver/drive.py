@@ -39,6 +39,8 @@ from .viewer import Viewer
 LOGGER = logging.getLogger(__name__)
 MAX_STEP = 60.0
 """A decision that takes longer ends the drive, except for the first one, which compiles [s]."""
+SAVE_PERIOD = 60.0
+"""Time between writes of the map of `save_map` while driving, for ends that leave no time for it [s]."""
 DEAD_MAN_TIME = 0.5
 """A message of the dead man's switch permits driving for this time [s]."""
 
@@ -150,6 +152,7 @@ class Session:
         self._frames = Frames(options, lidar)
         self._permitted = -math.inf
         self._sim_time, self._progress = math.nan, Progress(options.goal)
+        self._saved, self._failures = local_time(), dict[str, str]()
         self.reason = "no scan yet"
         """Why the last command was a stop; empty while driving."""
         self._viewer = Viewer(viewer or bridge, self._frames.map, self._frames.odom)
@@ -294,6 +297,9 @@ class Session:
             self._progress.report(driver, now)
             if driver.has_begun:
                 self._viewer.show(driver, now)
+                if began - self._saved >= SAVE_PERIOD:
+                    self._saved = began
+                    self._try("map", self._save_map)
         return command
 
     def _why_held(self) -> str:
@@ -337,19 +343,25 @@ class Session:
         Raises:
             RuntimeError: the map or the recording is not complete.
         """
-        failed = []
         for name, work in (
             ("stops", None if self._commands is None else self._commands.close),
             ("map", self._save_map),
             ("recording", None if self._recorder is None else self._recorder.close),
         ):
-            try:
-                if work is not None:
-                    work()
-            except Exception as error:
-                failed.append(f"{name}: {type(error).__name__}: {error}")
-        if failed:
-            raise RuntimeError("; ".join(failed))
+            self._try(name, work or (lambda: None))
+        if self._failures:
+            raise RuntimeError("; ".join(f"{name}: {text}" for name, text in self._failures.items()))
+
+    def _try(self, name: str, work: Callable[[], None]) -> None:
+        """Do something whose failure must not keep the drive or its end from going on; warn of the first failure."""
+        try:
+            work()
+            self._failures.pop(name, None)
+        except Exception as error:
+            text = f"{type(error).__name__}: {error}"
+            if name not in self._failures:
+                LOGGER.warning("%s: %s", name, text)
+            self._failures[name] = text
 
     def _save_map(self) -> None:
         if self.options.save_map is not None and self.driver is not None and self.driver.has_begun:

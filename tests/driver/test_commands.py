@@ -175,7 +175,7 @@ def test_publishing_never_waits_for_a_server_and_closing_ends_in_time(server):
             bridge.publish("/map", {"data": big})
         bridge.advertise("/other", "std_msgs/msg/Bool")
         bridge.publish("/other", {"data": object()})  # is dropped
-        assert sum(map(len, bridge._outgoing.values())) <= 3  # of 202
+        assert sum(map(len, bridge._outgoing.values())) <= 4  # of 203
         assert time.process_time() - begun < 20.0  # of the newest ones alone
         wait_for(lambda: any(each["op"] == "publish" for each in server.data), 30.0)
         assert not bridge.error
@@ -192,7 +192,7 @@ def test_a_topic_that_is_too_large_for_the_server_is_left_out(caplog):
         wait_for(lambda: not bridge.error)
         bridge.publish("/map", {"data": np.zeros(10_000, dtype=np.int8)})
         bridge.publish("/plan", {"poses": []})
-        wait_for(lambda: server.data[-1].get("topic") == "/plan")
+        wait_for(lambda: any(each["op"] == "publish" and each["topic"] == "/plan" for each in list(server.data)))
         assert len(server.sockets) == 2
     assert "bytes are too large for the server" in caplog.text
 
@@ -296,6 +296,37 @@ def test_a_policy_that_hangs_is_interrupted(monkeypatch):
     with pytest.raises(TimeoutError, match=r"a decision takes over 0\.3 s"):
         run.run(60.0, watch=lambda: time_limited(0.3))
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+def test_compiled_code_that_never_returns_ends_the_process():
+    code = (
+        "import numba\n"
+        "from lidarnaut.driver.program import time_limited\n"
+        "@numba.njit\n"
+        "def spin(x):\n"
+        "    while x > 0:\n"
+        "        x += 1\n"
+        "        if x > 100: x = 1\n"
+        "    return x\n"
+        "spin(0)\n"
+        "with time_limited(0.5):\n"
+        "    spin(1)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], timeout=60.0, capture_output=True, text=True, check=False)
+    assert run.returncode == 1
+    assert "Timeout" in run.stderr
+
+
+def test_the_map_is_written_while_driving_and_a_failure_is_said_once(tmp_path, caplog, monkeypatch):
+    monkeypatch.setattr(drive, "SAVE_PERIOD", 0.0)
+    run, path = Drive(save_map=tmp_path / "map.yaml"), tmp_path / "map.yaml"
+    run.step(3)
+    assert path.exists()
+    with monkeypatch.context() as patched:
+        patched.setattr(drive, "save_map", lambda *_: (_ for _ in ()).throw(OSError("no space")))
+        run.step(3)
+    assert caplog.text.count("map: OSError: no space") == 1
+    run.session.close()  # there is space again
 
 
 def test_messages_that_waited_while_the_program_stood_still_are_old(monkeypatch):
