@@ -1,10 +1,9 @@
 """A real robot's half of an environment: estimation, observations and policy, fed by messages."""
 
-import contextlib
 import logging
 import math
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -126,7 +125,8 @@ class Driver:
         self._scans = deque[tuple[float, Any]](maxlen=MOST_SCANS)
         self._rates = deque[tuple[float, Any]](maxlen=MOST_MESSAGES)
         self._newest: dict[str, float] = {}
-        self._fault, self._touched, self._advice, self._jump_stamp = "", False, "", -math.inf
+        self._fault, self._touched, self._advice = "", False, ""
+        self._jump_stamp = self._steady_stamp = -math.inf  # of the last scans with and without a jump before
         self._stamp, self._scan_stamp, self._offset, self._time = -math.inf, -math.inf, 0.0, 0.0
         self._command = STOP
         if self.env.task.goal is not None and self.env.task.has_goal:
@@ -155,9 +155,9 @@ class Driver:
             self._advice = advise_on_zeros(int(is_zero.sum()), int(np.isposinf(ranges).sum()), len(ranges))
             if self._advice:
                 LOGGER.warning("%s", self._advice)
-        with self._dropping():
-            if np.isnan(ranges).all():
-                raise ImplausibleError("scan without a valid beam")
+        if np.isnan(ranges).all():
+            self._drop("scan without a valid beam")
+        else:
             self._receive("scan", self._scans, stamp, (ranges, delays))
 
     def odometry(self, pose: Sequence[float], stamp: float) -> None:
@@ -171,16 +171,11 @@ class Driver:
     def _receive_motion(self, kind: str, numbers: Sequence[float], stamp: float) -> None:
         if self._wheels.uses_encoders != (kind == "encoders"):
             raise ValueError(f"messages of {kind} need motion={kind!r}")
-        with self._dropping():
-            self._receive(kind, self._wheels.messages, stamp, np.array(check_numbers(kind, numbers)))
+        self._receive(kind, self._wheels.messages, stamp, numbers)
 
     def imu(self, yaw_rate: float, stamp: float) -> None:
-        """Receive a yaw rate [rad/s].
-
-        It gives the turn of robots whose odometry uses the gyroscope, and that during jumps of odometry or encoders.
-        """
-        with self._dropping():
-            self._receive("imu", self._rates, stamp, *check_numbers("imu", (yaw_rate,)))
+        """Receive a yaw rate [rad/s]: the turn during jumps; always if the robot's odometry uses the gyroscope."""
+        self._receive("imu", self._rates, stamp, (yaw_rate,))
 
     def bumper(self, touched: bool) -> None:
         """Receive the state of the bumper."""
@@ -254,17 +249,13 @@ class Driver:
 
         `hold`: further reason to stand still, such as a dead man's switch; empty to drive.
         """
-        fault = ""
+        fault, scan = "", None
         try:
             check_numbers("command", (stamp,), STAMP)
-        except ImplausibleError as error:
-            fault = str(error)
-        scan = self._next_scan()
-        if scan is not None:
-            try:
+            if (scan := self._next_scan()) is not None:
                 self._use(*scan)
-            except MemoryError as error:  # the map would be too large
-                fault = str(error)
+        except (ImplausibleError, MemoryError) as error:  # or the map would be too large
+            fault = str(error)
         self.reason = fault or self._why_stopped(stamp) or hold
         if not self.reason and scan is not None and self._decide is not None:
             action = self._decide(self._observation)
@@ -283,7 +274,12 @@ class Driver:
         self._command = Twist(*period.numbers["command"][0].tolist())
 
     def _receive(self, kind: str, messages: deque[tuple[float, Any]], stamp: float, content: Any) -> None:
-        (stamp,), last = check_numbers(kind, (stamp,), STAMP), self._newest.get(kind, -math.inf)
+        try:
+            content = content if kind == "scan" else np.array(check_numbers(kind, content))
+            (stamp,), last = check_numbers(kind, (stamp,), STAMP), self._newest.get(kind, -math.inf)
+        except ImplausibleError as error:
+            self._drop(str(error))
+            return
         if stamp < last - MAX_CLOCK_JUMP:
             LOGGER.warning("the clock steps back from %.3f to %.3f s at a message of %s", last, stamp, kind)
             for each in (self._scans, self._wheels.messages, self._rates):
@@ -291,18 +287,12 @@ class Driver:
             self._newest.clear()
             self._stamp = self._scan_stamp = self._jump_stamp = -math.inf
         elif not stamp - last > MIN_STEP:
-            raise ImplausibleError(f"{kind} that is not newer than the last")
+            self._drop(f"{kind} that is not newer than the last")
+            return
         self._newest[kind] = stamp
         messages.append((stamp, content))
         while messages[0][0] < stamp - KEPT:
             messages.popleft()
-
-    @contextlib.contextmanager
-    def _dropping(self) -> Iterator[None]:
-        try:
-            yield
-        except ImplausibleError as error:
-            self._drop(str(error))
 
     def _drop(self, reason: str, count: int = 1) -> None:
         self.dropped[reason] += count
@@ -335,6 +325,7 @@ class Driver:
         elif scan_stamp + delays.min() >= self._jump_stamp and (scan_stamp != stamp or delays.any()):
             times = scan_stamp + (delays if delays.any() else delays[:1])
             ranges = self._moved(ranges, wheels.poses(np.append(stamp, times)))
+        self._steady_stamp = self._steady_stamp if num_jumps else stamp
         rates = [rate for time, rate in self._rates if time <= stamp]
         yaw_rate = float(np.mean(rates)) if rates else 0.0
         if not (rates or is_first):
@@ -369,6 +360,8 @@ class Driver:
             return f"the clock of the messages is {-age:.1f} s ahead"
         if not age <= self.timeout:
             return f"no {missing} for {age:.1f} s{fault}"
+        if (age := self._stamp - self._steady_stamp) > self.timeout:
+            return f"jumps of odometry for {age:.1f} s"
         task = self.env.task
         if task.goal is not None:
             if not task.has_goal:

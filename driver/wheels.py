@@ -11,19 +11,16 @@ from lidarnaut.envs.logs.trajectory import between_poses, interpolate_poses
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation.odometry import wheel_motion
 
-MAX_SPEED, JITTER = 1.5, 0.05
-"""Odometry that moves faster than this multiple of the robot's limits, for longer than this time [s], has jumped."""
 MOST_MESSAGES = 4096
 """Maximum number of kept messages."""
+MAX_SPEED, JITTER = 1.5, 0.05
+"""Odometry that moves faster than this multiple of the robot's limits, for longer than this time [s], has jumped."""
 PUSHED = 1.0, 3.0
 """Least limits of that test: speeds of a robot that is pushed by hand [m/s, rad/s]."""
 
 
 class WheelMotion:
-    """Encoder counts of the wheels, or those of virtual encoders that follow odometry.
-
-    Jumps are left out; in their place, the robot turns as the gyroscope says.
-    """
+    """Encoder counts of the wheels, or of virtual encoders that follow odometry; at jumps, turns of the gyroscope."""
 
     def __init__(self, robot: RobotParams, scales: tuple[float, float], *, uses_encoders: bool) -> None:
         """Begin without messages. `scales`: factors of distances and turns."""

@@ -55,7 +55,7 @@ def test_numbers_must_be_finite_and_below_their_limit(kind, name):
         -inside: "",
         limit: f"{kind} with {name} beyond {limit:g} {unit}",
         -1e308: f"{kind} with {name} beyond {limit:g} {unit}",
-        10**400: f"{kind} that is not finite",
+        10**400: f"{kind} with {name} beyond {limit:g} {unit}",
         math.inf: f"{kind} that is not finite",
         math.nan: f"{kind} that is not finite",
     }.items():
@@ -111,7 +111,9 @@ NUMBERS = st.floats() | st.sampled_from([0.0, 99.0, -99.0, 1.9e7, -1.9e7, 1e-300
 STEPS = st.sampled_from([0.02, 0.02, 0.1, 0.0, 5e-324, 1e-7, 0.9, 3600.0, -0.5, -7200.0]) | NUMBERS
 RANGES = st.sampled_from([0.0, 1e-30, 0.2, 3.4, 1e38, 1e308, math.inf, -math.inf, math.nan])
 MESSAGES = st.lists(
-    st.tuples(st.sampled_from(["drive", "drive", "motion", "imu", "scan", "delays", "command"]), STEPS, NUMBERS, RANGES),
+    st.tuples(
+        st.sampled_from(["drive", "drive", "motion", "imu", "scan", "delays", "command"]), STEPS, NUMBERS, RANGES
+    ),
     min_size=10,
     max_size=40,
 )
@@ -199,6 +201,18 @@ def test_the_turn_during_a_jump_is_that_of_the_gyroscope(motion, rate, turn):
         driver.command(0.1 * k)
     assert driver.dropped == {f"jump of {motion}": 1}
     assert driver.belief.pose == pytest.approx((0.0, 0.0, turn), abs=5e-3)
+
+
+@pytest.mark.parametrize(("motion", "number"), [("odometry", 1e6), ("encoders", 2**52)])
+def test_motion_that_jumps_all_the_time_stops_the_robot(motion, number):
+    driver = explorer(motion=motion)
+    for k in range(40):
+        place = number * (-1) ** k if 10 <= k < 30 else 0
+        driver.encoders(place, -place, 0.1 * k) if motion == "encoders" else driver.odometry((place, place, 0), 0.1 * k)
+        driver.scan(WALLS, 0.1 * k)
+        driver.command(0.1 * k)
+        stops = 20 <= k <= 30
+        assert (driver.reason == f"jumps of odometry for {0.1 * (k - 9):.1f} s") == stops == (driver.reason != "")
 
 
 @pytest.mark.parametrize("has_begun", [False, True])
