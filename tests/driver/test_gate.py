@@ -107,46 +107,73 @@ def test_numbers_may_be_of_numpy():
     assert not driver.dropped
 
 
-NUMBERS = st.floats() | st.sampled_from([0.0, 99.0, -99.0, 1.9e7, -1.9e7, 1e-300, 2.0**52, -(2.0**52)])
-STEPS = st.sampled_from([0.02, 0.02, 0.1, 0.0, 5e-324, 1e-7, 0.9, 3600.0, -0.5, -7200.0]) | NUMBERS
-RANGES = st.sampled_from([0.0, 1e-30, 0.2, 3.4, 1e38, 1e308, math.inf, -math.inf, math.nan])
-MESSAGES = st.lists(
+NUMBERS = st.sampled_from([0.0, 99.0, 1.9e7, 2e7, 1e16, 1e308, -1e308, 2.0**52, 2.0**62, 5e-324]) | st.floats()
+STEPS = st.sampled_from([0.0, 5e-324, 1e-9, 1e-7, 0.9, 3600.0, -0.5, -7200.0, 1e308]) | st.floats()
+RANGES = st.sampled_from([0.0, 1e-30, 0.2, 3.4, 1e38, 1e308, math.inf, -math.inf, math.nan]) | st.floats()
+PERIODS = st.lists(
     st.tuples(
-        st.sampled_from(["drive", "drive", "motion", "imu", "scan", "delays", "command"]), STEPS, NUMBERS, RANGES
+        st.sampled_from(["good", "good", "x", "theta", "imu", "scan", "delays", "stamp"]), NUMBERS, STEPS, RANGES
     ),
     min_size=10,
-    max_size=40,
+    max_size=30,
 )
 
 
 @pytest.mark.parametrize("motion", ["odometry", "encoders"])
 @settings(derandomize=True, max_examples=30, deadline=None)
-@given(messages=MESSAGES)
-def test_commands_are_finite_and_within_the_limits_after_all_messages(motion, messages):
-    """Messages of any numbers in any order, between those of a robot that stands still."""
-    driver, now = explorer(motion=motion, gyro=True, slam="hector"), 0.0
-    move = driver.odometry if motion == "odometry" else lambda numbers, stamp: driver.encoders(*numbers[:2], stamp)
-    for kind, step, number, distance in messages:
-        stamp = now + step
-        now = stamp if abs(stamp) < 1e9 else now
-        if kind == "motion":
-            move((number, -number, number), stamp)
-        elif kind == "imu":
-            driver.imu(number, stamp)
-        elif kind == "scan":
-            driver.scan(np.where(np.arange(NUM_BEAMS) % 7 == 0, distance, WALLS), stamp)
+@given(periods=PERIODS)
+def test_commands_are_finite_and_within_the_limits_after_all_messages(motion, periods):
+    """Control periods of a robot that stands still, some with any numbers, then good ones of a robot that drives."""
+    driver, now = explorer(motion=motion, gyro=True), 0.0
+    for kind, number, step, distance in periods:
+        ranges, delays = WALLS, None
+        if kind == "scan":
+            ranges = np.where(np.arange(NUM_BEAMS) % 7 == 0, distance, WALLS)
         elif kind == "delays":
-            driver.scan(np.full(NUM_BEAMS, distance), stamp, np.linspace(0.0, math.fmod(step, 1.0), NUM_BEAMS))
-        elif kind == "drive":
-            now += 0.1
-            move((0.0, 0.0, 0.0), now)
-            driver.scan(WALLS, now)
-            stamp = now
+            delays = np.linspace(0.0, math.fmod(step, 1.0) if math.isfinite(step) else 1.0, NUM_BEAMS)
+        for sign in (1, -1, 1, -1, 1):
+            now += 0.02
+            stamp = now + step if kind == "stamp" else now
+            x, theta = (sign * number if kind == each else 0.0 for each in ("x", "theta"))
+            if motion == "odometry":
+                driver.odometry((x, -x, theta), stamp)
+            else:
+                driver.encoders(x + theta, theta - x, stamp)
+            driver.imu(number if kind == "imu" else 0.0, stamp)
+        now = stamp if abs(stamp) < 1e9 else now
+        driver.scan(ranges, stamp, delays)
         v, w = driver.command(stamp)
         assert abs(v) <= driver.robot.max_v
         assert abs(w) <= driver.robot.max_w
         assert not driver.reason or (v, w) == (0.0, 0.0)
-        assert not driver.has_begun or all(map(math.isfinite, driver.belief.pose))
+        assert not driver.has_begun or math.hypot(*driver.belief.pose[:2]) < 10.0
+        assert not driver.has_begun or abs(driver.belief.pose.theta) <= math.pi
+    positions = []
+    for k in range(10):
+        x = 0.04 * k
+        if motion == "odometry":
+            driver.odometry((x, 0.0, 0.0), now + 1.5 + 0.1 * k)
+        else:
+            driver.encoders(*[round(x / driver.robot.odometry.metres_per_tick)] * 2, now + 1.5 + 0.1 * k)
+        driver.scan(WALLS, now + 1.5 + 0.1 * k)
+        driver.command(now + 1.5 + 0.1 * k)
+        positions.append(driver.belief.pose[:2])
+    assert math.dist(positions[1], positions[-1]) == pytest.approx(0.04 * 8, abs=0.01)
+
+
+def test_a_scan_is_used_at_least_a_millisecond_after_the_last_one():
+    driver = explorer()
+    begin(driver)
+    driver.odometry((0.04, 0.0, 0.0), 5e-324)
+    assert driver.dropped == {"odometry that is not newer than the last": 1}
+    driver.odometry((0.04, 0.0, 0.0), 1e-4)
+    driver.scan(WALLS, 5e-5)
+    driver.command(1e-4)
+    assert driver.belief.pose.x == 0.0
+    driver.odometry((0.04, 0.0, 0.0), 0.1)
+    driver.command(0.1)
+    assert driver.belief.pose.x == pytest.approx(0.04)
+    assert driver.env.robots[0].twist.v == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize("stamp", [math.nan, math.inf, -math.inf, 1e300, 10**400])
