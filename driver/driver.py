@@ -255,7 +255,7 @@ class Driver:
             if (scan := self._next_scan()) is not None:
                 self._use(*scan)
         except (ImplausibleError, MemoryError) as error:  # or the map would be too large
-            fault = str(error)
+            fault = str(error) or "out of memory"
         self.reason = fault or self._why_stopped(stamp) or hold
         if not self.reason and scan is not None and self._decide is not None:
             action = self._decide(self._observation)
@@ -333,7 +333,8 @@ class Driver:
             yaw_rate = float((right - left) * odometry.metres_per_tick / odometry.track / (stamp - self._stamp))
         self.env.simulator.sample = Sample(self._time, ranges, wheels.ticks, yaw_rate, self._touched)
         self._stamp, self._touched, self._fault = stamp, False, ""
-        self._rates = deque(each for each in self._rates if each[0] > stamp)
+        while self._rates and self._rates[0][0] <= stamp:
+            self._rates.popleft()
         if is_first:
             rng = np.random.default_rng([self._seed, 1])
             self._observation, _ = begin_episode(self.env, self._policy, self._seed, rng)

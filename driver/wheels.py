@@ -50,7 +50,7 @@ class WheelMotion:
         counts = np.column_stack([np.interp(stamps, times, column) for column in (content - content[-1]).T])
         return np.array([wheel_motion(left, right, *numbers) for left, right in counts])
 
-    def advance(self, last: float, longest: float, rates: Sequence[tuple[float, float]], *, is_first: bool) -> int:
+    def advance(self, last: float, longest: float, rates: Sequence[tuple[float, np.ndarray]], *, is_first: bool) -> int:
         """Update `ticks` and `pose` to the newest message, and return the number of ignored jumps.
 
         `last`: stamp of the last call, -inf after a step of the clock. `longest`: longest assumed pause before the
@@ -73,10 +73,11 @@ class WheelMotion:
         max_v, max_w = MAX_SPEED * np.maximum(PUSHED, (self._robot.max_v, self._robot.max_w))
         has_jumped = (abs(lengths) > max_v * (durations + JITTER)) | (abs(turns) > max_w * (durations + JITTER))
         lengths, turns = np.where(has_jumped, 0.0, [self._scales[0] * lengths, self._scales[1] * turns])
-        for k in np.flatnonzero(has_jumped):
-            end, duration = times[is_new][k], durations[k]
-            if measured := [rate for time, rate in rates if end - duration < time <= end]:
-                turns[k] = duration * np.clip(np.mean(measured), -max_w, max_w)
+        if has_jumped.any() and rates:
+            stamps, sums = [time for time, _ in rates], np.cumsum([0.0, *(rate.item() for _, rate in rates)])
+            first, end = np.searchsorted(stamps, times[is_new] - [durations, np.zeros_like(durations)], side="right")
+            means = (sums[end] - sums[first]) / np.maximum(end - first, 1)
+            turns = np.where(has_jumped, durations * np.clip(means, -max_w, max_w), turns)
         sides = 0.5 * track * turns
         self._travel += (lengths - sides).sum(), (lengths + sides).sum()
         left, right = np.rint(self._travel / metres).astype(int).tolist()

@@ -190,7 +190,8 @@ def test_at_an_implausible_time_the_robot_stops(stamp):
 
 def test_messages_of_a_flood_are_not_all_kept():
     driver = explorer()
-    for k in range(2 * MOST_MESSAGES):
+    begin(driver)
+    for k in range(1, 2 * MOST_MESSAGES):
         driver.odometry((0.0, 0.0, 0.0), 1e-6 * k)
         driver.imu(0.0, 1e-6 * k)
         if k % 16 == 0:
