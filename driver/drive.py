@@ -276,10 +276,11 @@ class Session:
             driver.goal(goal.x, goal.y, goal.theta if driver.takes_headings else None)
 
     def _on_initial_pose(self, message: Any) -> None:
-        frames, frame, pose = self._frames, message.header.frame_id, message.pose.pose
+        frames, frame, given = self._frames, message.header.frame_id, message.pose
         with self._lock:
             if self.driver is not None and frames.is_expected("initial pose", frame, frames.map, once=False):
-                self.driver.initial_pose(*pose_of(pose.position, pose.orientation))
+                pose = pose_of(given.pose.position, given.pose.orientation)
+                self.driver.initial_pose(*pose, getattr(given, "covariance", None))
 
     def step(self) -> Twist:
         """Send the next command, and estimates for RViz; return the command."""

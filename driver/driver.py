@@ -13,7 +13,7 @@ from gymnasium import spaces
 from lidarnaut.baselines.adoption import adopt, needed_arguments
 from lidarnaut.baselines.episode import Decide, begin_episode, decide_with
 from lidarnaut.baselines.policy import PrivilegedPolicy
-from lidarnaut.envs.arguments import check_positive, is_pose
+from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
@@ -24,15 +24,21 @@ from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.navigate import KnownMapBrief
 
 from .brief import brief_of, check_brief
+from .gate import STAMP, ImplausibleError, check_array, check_numbers, pose_covariance
 from .messages_mover import MessagesMover, Sample
-from .wheels import WheelMotion
+from .wheels import MOST_MESSAGES, WheelMotion
 
 LOGGER = logging.getLogger(__name__)
 STOP = Twist(0.0, 0.0)
 TICK = 1e-6
 """Wheel travel per count of the virtual encoders that poses of odometry are converted to [m]."""
-KEPT = 10.0
-"""Messages are kept for at most this time until a scan is used [s]."""
+KEPT, MOST_SCANS = 10.0, 256
+"""Messages are kept for at most this time until a scan is used [s]; and scans, at most this number."""
+MIN_STEP, MIN_PERIOD = 1e-9, 1e-3
+"""Least times between messages of a kind, and between two used scans [s]; rates are quotients of them."""
+GOAL_REACH, MAX_RANGE = 200.0, 100.0
+"""Goals may lie this far beyond the range of the lidar, and that of longer ranges, around the map and the robot [m]:
+planners cover all space up to the goal."""
 
 
 class Driver:
@@ -42,10 +48,11 @@ class Driver:
     as they arrive, and call `command` at the rate `control_hz`. Stamps are times of measurement [s] of one clock.
 
     A scan is used once odometry covers all its beams, and then the newest one. It is shown as from the pose of the
-    newest odometry, which the command is for. Without a new scan, the last command holds. Messages that are not finite,
-    or not newer than the last one of their kind, are dropped; after a step of the clock back by more than a second, all
-    kinds begin anew. Between the last scan before a pause and the first one after it, the policy's clock stands. Calls
-    must come from one thread at a time.
+    newest odometry, which the command is for. Without a new scan, the last command holds. Messages whose numbers are
+    implausible (`gate.KINDS`), or that are not newer than the last one of their kind, are dropped and counted; those
+    without numbers raise ValueError. After a step of the clock back by more than a second, all kinds begin anew.
+    Between the last scan before a pause and the first one after it, the policy's clock stands. Calls must come from
+    one thread at a time.
     """
 
     def __init__(
@@ -115,11 +122,15 @@ class Driver:
         """Whether goals may have headings: not for learned policies, unless there is a `heading_tolerance`."""
         self._decide: Decide | None = None
         self._wheels = WheelMotion(robot, odometry_scales, uses_encoders=motion == "encoders")
-        self._scans, self._rates = (deque[tuple[float, Any]]() for _ in range(2))
+        self._scans = deque[tuple[float, Any]](maxlen=MOST_SCANS)
+        self._rates = deque[tuple[float, Any]](maxlen=MOST_MESSAGES)
         self._newest: dict[str, float] = {}
-        self._fault, self._touched, self._advice, self._jump_stamp = "", False, "", -math.inf
+        self._fault, self._touched, self._advice = "", False, ""
+        self._jump_stamp = self._steady_stamp = -math.inf  # of the last scans with and without a jump before
         self._stamp, self._scan_stamp, self._offset, self._time = -math.inf, -math.inf, 0.0, 0.0
         self._command = STOP
+        if self.env.task.goal is not None and self.env.task.has_goal:
+            self._check_reach(self.env.task.goal)
 
     def scan(self, ranges: np.ndarray, stamp: float, delays: np.ndarray | None = None) -> None:
         """Receive a scan: ranges, shape (num_beams,) [m]; +inf is no return, NaN an invalid beam, 0 see `no_return`.
@@ -127,12 +138,12 @@ class Driver:
         `delays`: time of each beam after the stamp, shape (num_beams,) [s]; None for beams measured at once.
 
         Raises:
-            ValueError: another number of beams than the robot's lidar has, or delays of more than a second.
+            ValueError: another number of beams than the robot's lidar has, no numbers, or delays of more than a second.
         """
-        ranges, lidar = np.array(ranges, dtype=np.float32), self.robot.lidar
+        ranges, lidar = check_array("scan", ranges, np.float32), self.robot.lidar
         if ranges.shape != (lidar.num_beams,):
             raise ValueError(f"scan must have {lidar.num_beams} ranges, got shape {ranges.shape}")
-        delays = np.zeros(len(ranges)) if delays is None else np.array(delays, dtype=np.float64)
+        delays = np.zeros(len(ranges)) if delays is None else check_array("delays", delays, np.float64)
         if not (delays.shape == ranges.shape and np.abs(delays).max() <= MAX_SWEEP):
             raise ValueError(f"delays must have shape {ranges.shape}, and be at most {MAX_SWEEP:g} s, got {delays}")
         is_zero = ranges == 0.0
@@ -151,23 +162,20 @@ class Driver:
 
     def odometry(self, pose: Sequence[float], stamp: float) -> None:
         """Receive a base pose (x, y, theta) in the odometry frame [m, m, rad]; ValueError with `motion="encoders"`."""
-        self._receive_motion("odometry", pose, 3, stamp)
+        self._receive_motion("odometry", pose, stamp)
 
     def encoders(self, left: int, right: int, stamp: float) -> None:
         """Receive cumulative encoder counts of the wheels; ValueError without `motion="encoders"`."""
-        self._receive_motion("encoders", (left, right), 2, stamp)
+        self._receive_motion("encoders", (left, right), stamp)
 
-    def _receive_motion(self, kind: str, numbers: Sequence[float], count: int, stamp: float) -> None:
+    def _receive_motion(self, kind: str, numbers: Sequence[float], stamp: float) -> None:
         if self._wheels.uses_encoders != (kind == "encoders"):
             raise ValueError(f"messages of {kind} need motion={kind!r}")
-        content = np.array(numbers, dtype=np.float64)
-        if content.shape != (count,):
-            raise ValueError(f"{kind} must be {count} numbers, got {numbers!r}")
-        self._receive(kind, self._wheels.messages, stamp, content)
+        self._receive(kind, self._wheels.messages, stamp, numbers)
 
     def imu(self, yaw_rate: float, stamp: float) -> None:
-        """Receive a yaw rate [rad/s], for robots whose odometry uses the gyroscope; without, wheels give the turn."""
-        self._receive("imu", self._rates, stamp, np.array(yaw_rate, dtype=np.float64))
+        """Receive a yaw rate [rad/s]: the turn during jumps; always if the robot's odometry uses the gyroscope."""
+        self._receive("imu", self._rates, stamp, (yaw_rate,))
 
     def bumper(self, touched: bool) -> None:
         """Receive the state of the bumper."""
@@ -177,29 +185,44 @@ class Driver:
         """Set the goal, map frame [m, m, rad]. Without a heading, the goal is reached with any.
 
         Raises:
-            ValueError: the task has no goal, or asks for a heading, or a number is not finite; or a heading is given to
-                a learned policy, and the driver has no argument `heading_tolerance`.
+            ValueError: the task has no goal, or asks for a heading; a number is implausible; the goal is farther from
+                the map than the range of the lidar and `GOAL_REACH`; or a heading is given to a learned policy, and the
+                driver has no argument `heading_tolerance`.
         """
         if self.env.task.goal is None:
             raise ValueError(f"task {type(self.env.task).__name__.removesuffix('Brief')} has no goal")
         if theta is not None and not self.takes_headings:
             name = type(self._policy).__name__
             raise ValueError(f"{name} is not known to turn to headings: set a goal x, y, or a heading_tolerance")
-        self.env.task.set_goal((x, y) if theta is None else (x, y, theta))
+        goal = check_numbers("goal", (x, y, 0.0 if theta is None else theta))
+        self._check_reach(goal)
+        self.env.task.set_goal(goal[:2] if theta is None else goal)
 
-    def initial_pose(self, x: float, y: float, theta: float) -> None:
-        """Restart localization on the known map at a pose, map frame [m, m, rad]; see `LidarEnv.set_initial_pose`.
+    def _check_reach(self, goal: Sequence[float]) -> None:
+        """Raise ValueError if a goal is too far from the rectangle around the map and the robot."""
+        if self.has_begun:
+            known = np.vstack([np.reshape(self.belief.grid.bounds, (2, 2)), self.belief.pose[:2]])
+        else:
+            grid = self.env.task.prior(0, np.random.default_rng(0)).map
+            known = np.reshape(np.zeros(4) if grid is None else grid.bounds, (2, 2))
+        distance = math.dist(goal[:2], np.clip(goal[:2], known.min(axis=0), known.max(axis=0)))
+        if distance > (allowed := GOAL_REACH + min(self.robot.lidar.range_max, MAX_RANGE)):
+            where = f"goal ({goal[0]:.1f}, {goal[1]:.1f})"
+            raise ValueError(f"{where} is {distance:.0f} m from the map; at most {allowed:.0f} m are allowed")
+
+    def initial_pose(self, x: float, y: float, theta: float, covariance: Any = None) -> None:
+        """Restart localization on the known map at a pose, map frame [m, m, rad].
+
+        `covariance`: that of the pose, 36 numbers of a `PoseWithCovariance` or shape (3, 3); see `pose_covariance`.
 
         Raises:
-            ValueError: there is no known map, or a number is not finite.
+            ValueError: there is no known map, the pose is outside, or a number is implausible; the estimate stays.
         """
-        pose, task = (x, y, theta), self.env.task
-        if not isinstance(task, KnownMapBrief) or not is_pose(pose):
-            raise ValueError(f"an initial pose is three finite numbers, on a known map, got {pose}")
-        if self.has_begun:
-            self.env.set_initial_pose(pose)
-        else:
-            task.initial_pose = pose
+        task = self.env.task
+        if not isinstance(task, KnownMapBrief):
+            raise ValueError(f"an initial pose needs a task on a known map, not {type(task).__name__}")
+        begin = task.set_initial_pose if self.has_begun else task.begin_at
+        begin(check_numbers("initial pose", (x, y, theta)), pose_covariance(covariance))
 
     @property
     def has_begun(self) -> bool:
@@ -231,10 +254,14 @@ class Driver:
 
         `hold`: further reason to stand still, such as a dead man's switch; empty to drive.
         """
-        scan = self._next_scan()
-        if scan is not None:
-            self._use(*scan)
-        self.reason = self._why_stopped(stamp) or hold
+        fault, scan = "", None
+        try:
+            check_numbers("command", (stamp,), STAMP)
+            if (scan := self._next_scan()) is not None:
+                self._use(*scan)
+        except (ImplausibleError, MemoryError) as error:  # or the map would be too large
+            fault = str(error) or "out of memory"
+        self.reason = fault or self._why_stopped(stamp) or hold
         if not self.reason and scan is not None and self._decide is not None:
             action = self._decide(self._observation)
             if isinstance(action, str):
@@ -252,9 +279,11 @@ class Driver:
         self._command = Twist(*period.numbers["command"][0].tolist())
 
     def _receive(self, kind: str, messages: deque[tuple[float, Any]], stamp: float, content: Any) -> None:
-        last = self._newest.get(kind, -math.inf)
-        if not math.isfinite(stamp) or (kind != "scan" and not np.isfinite(content).all()):
-            self._drop(f"{kind} that is not finite")
+        try:
+            content = content if kind == "scan" else np.array(check_numbers(kind, content))
+            (stamp,), last = check_numbers(kind, (stamp,), STAMP), self._newest.get(kind, -math.inf)
+        except ImplausibleError as error:
+            self._drop(str(error))
             return
         if stamp < last - MAX_CLOCK_JUMP:
             LOGGER.warning("the clock steps back from %.3f to %.3f s at a message of %s", last, stamp, kind)
@@ -262,7 +291,7 @@ class Driver:
                 each.clear()
             self._newest.clear()
             self._stamp = self._scan_stamp = self._jump_stamp = -math.inf
-        elif stamp <= last:
+        elif not stamp - last > MIN_STEP:
             self._drop(f"{kind} that is not newer than the last")
             return
         self._newest[kind] = stamp
@@ -278,8 +307,9 @@ class Driver:
         messages = self._wheels.messages
         first, newest = (messages[0][0], messages[-1][0]) if messages else (math.inf, -math.inf)
         found = None
-        while newest > self._stamp and self._scans and self._scans[0][0] + self._scans[0][1][1].max() <= newest:
-            found = self._scans.popleft()
+        if newest - self._stamp > MIN_PERIOD:
+            while self._scans and self._scans[0][0] + self._scans[0][1][1].max() <= newest:
+                found = self._scans.popleft()
         if found is not None and found[0] < min(first, self._stamp):
             self._drop("scan before the odometry")
             return None
@@ -294,12 +324,13 @@ class Driver:
         elif not stamp - self._stamp <= self.timeout:  # a pause, or another clock
             self._offset = stamp - self._time - self.env.control_period
         self._time, self._scan_stamp = stamp - self._offset, scan_stamp
-        if num_jumps := wheels.advance(self._stamp, self.timeout, is_first=is_first):
+        if num_jumps := wheels.advance(self._stamp, self.timeout, self._rates, is_first=is_first):
             self._drop(f"jump of {'encoders' if wheels.uses_encoders else 'odometry'}", num_jumps)
             self._jump_stamp = stamp
         elif scan_stamp + delays.min() >= self._jump_stamp and (scan_stamp != stamp or delays.any()):
             times = scan_stamp + (delays if delays.any() else delays[:1])
             ranges = self._moved(ranges, wheels.poses(np.append(stamp, times)))
+        self._steady_stamp = self._steady_stamp if num_jumps else stamp
         rates = [rate for time, rate in self._rates if time <= stamp]
         yaw_rate = float(np.mean(rates)) if rates else 0.0
         if not (rates or is_first):
@@ -307,7 +338,8 @@ class Driver:
             yaw_rate = float((right - left) * odometry.metres_per_tick / odometry.track / (stamp - self._stamp))
         self.env.simulator.sample = Sample(self._time, ranges, wheels.ticks, yaw_rate, self._touched)
         self._stamp, self._touched, self._fault = stamp, False, ""
-        self._rates = deque(each for each in self._rates if each[0] > stamp)
+        while self._rates and self._rates[0][0] <= stamp:
+            self._rates.popleft()
         if is_first:
             rng = np.random.default_rng([self._seed, 1])
             self._observation, _ = begin_episode(self.env, self._policy, self._seed, rng)
@@ -334,6 +366,8 @@ class Driver:
             return f"the clock of the messages is {-age:.1f} s ahead"
         if not age <= self.timeout:
             return f"no {missing} for {age:.1f} s{fault}"
+        if (age := self._stamp - self._steady_stamp) > self.timeout:
+            return f"jumps of odometry for {age:.1f} s"
         task = self.env.task
         if task.goal is not None:
             if not task.has_goal:

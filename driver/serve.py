@@ -15,6 +15,7 @@ from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.logs import messages
 from lidarnaut.envs.simulation import Twist
 
+from .gate import check_numbers
 from .program import run_program
 from .rosbridge import Rosbridge
 from .server import RosbridgeServer
@@ -61,13 +62,6 @@ class Options:
     """Prefix of all topics except `/clock`, such as `robot1`."""
     stamped: bool = False
     """Whether commands are TwistStamped messages instead of Twist."""
-
-
-def check_numbers(kind: str, numbers: tuple[Any, ...]) -> tuple[float, ...]:
-    """Return numbers of a magnitude below 1000 as floats; ValueError for others."""
-    if not all(isinstance(each, int | float) and abs(each) < 1e3 for each in numbers):
-        raise ValueError(f"{kind} must be finite numbers")
-    return tuple(map(float, numbers))
 
 
 class Server:

@@ -34,8 +34,8 @@ def is_pose(pose: Any, size: int = 3) -> bool:
     """Return True for a finite pose (x, y, theta), or with `size=2` a finite position (x, y)."""
     try:
         return len(pose) == size and all(math.isfinite(value) for value in pose)
-    except TypeError:
-        # Not a sequence, or not of numbers.
+    except (TypeError, OverflowError):
+        # Not a sequence, not of numbers, or of integers too large for floats.
         return False
 
 

@@ -7,7 +7,7 @@ import operator
 import weakref
 from collections import deque
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -43,6 +43,16 @@ _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
 def _mean(shares: deque[float]) -> float:
     # `sum` rounds differently since Python 3.12.
     return functools.reduce(operator.add, shares) / len(shares) if shares else math.nan
+
+
+def check_covariance(covariance: Any) -> np.ndarray:
+    """Return the covariance of a pose as an array, shape (3, 3), float64 [m, m, rad]; ValueError if it is none."""
+    covariance = np.asarray(covariance, dtype=np.float64)
+    if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
+        raise ValueError(f"covariance must be a finite 3 x 3 matrix, got {covariance}")
+    if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance)[0] < -1e-9:
+        raise ValueError(f"covariance must be symmetric and positive semidefinite, got {covariance.tolist()}")
+    return covariance
 
 
 class _MapTables:
@@ -194,12 +204,7 @@ class Amcl(Estimator):
         params = self.params
         if covariance is None:
             covariance = np.diag(np.square(INITIAL_STD))
-        covariance = np.asarray(covariance, dtype=np.float64)
-        if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
-            raise ValueError(f"covariance must be a finite 3 x 3 matrix, got {covariance}")
-        values, vectors = np.linalg.eigh(covariance)
-        if not np.allclose(covariance, covariance.T) or values[0] < -1e-9:
-            raise ValueError(f"covariance must be symmetric and positive semidefinite, got {covariance.tolist()}")
+        values, vectors = np.linalg.eigh(check_covariance(covariance))
         noise = vectors * np.sqrt(np.maximum(values, 0.0)) @ self.rng.standard_normal((3, params.max_particles))
         # Rounding errors of large coordinates must not change the samples.
         x, y, theta = noise + np.round(pose - self._origin, 6)[:, None]

@@ -40,8 +40,8 @@ class KnownMapBrief(Brief):
     map: str | Path | OccupancyGrid | None = None
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        self._map, self._covariance = given_map(self.map), cast(np.ndarray | None, None)
         self._read_initial_pose(self.initial_pose, "known", "unknown")
-        self._map = given_map(self.map)
         self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)
 
@@ -55,7 +55,8 @@ class KnownMapBrief(Brief):
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         pose = self._read_initial_pose(self.initial_pose, "known", "unknown")
-        return Prior(None if pose == "known" else pose, self._map)  # the start of a real robot is unknown
+        pose = None if pose == "known" else pose  # the start of a real robot is unknown
+        return Prior(pose, self._map, self._covariance)
 
     def _read_initial_pose(self, given: Any, *names: str) -> Any:
         pose: Any = Pose2D(*map(float, given)) if is_pose(given) else given
@@ -63,13 +64,23 @@ class KnownMapBrief(Brief):
             raise ValueError(f"initial_pose must be {', '.join(map(repr, names))} or (x, y, theta), got {given!r}")
         if pose != "known" and self.localizer != "amcl":
             raise ValueError(f"initial_pose={given!r} needs localizer='amcl', got {self.localizer!r}")
+        grid = self._map
+        if isinstance(pose, Pose2D) and grid is not None and not grid.contains(grid.cells(np.array(pose[:2]))):
+            raise ValueError(f"initial_pose={given!r} lies outside the map, which covers {grid.bounds}")
         return None if pose == "unknown" else pose
 
-    def set_initial_pose(self, pose: Any) -> None:
-        """Restart localization; see `LidarEnv.set_initial_pose`."""
+    def begin_at(self, pose: Any, covariance: np.ndarray | None = None) -> None:
+        """Set the initial pose of the next episode, and its covariance; arguments as for `set_initial_pose`."""
+        self.initial_pose, self._covariance = self._read_initial_pose(pose), covariance
+
+    def set_initial_pose(self, pose: Any, covariance: np.ndarray | None = None) -> None:
+        """Restart localization; see `LidarEnv.set_initial_pose`.
+
+        `covariance`: that of the pose, shape (3, 3) [m, m, rad]; None for that of `amcl`.
+        """
         robot, given = self.robots[0], self._read_initial_pose(pose, "unknown")
         amcl = cast(Amcl, robot.estimator)
-        robot.follow(amcl.reset(amcl.rng, given, robot.belief.grid))
+        robot.follow(amcl.reset(amcl.rng, given, robot.belief.grid, covariance))
 
 
 @dataclass(kw_only=True, eq=False)
