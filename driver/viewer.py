@@ -17,7 +17,7 @@ MAX_CELLS = 1_000_000
 
 
 class Viewer:
-    """Publishes what a driver knows; a known map once, one that grows each `MAP_PERIOD`."""
+    """Publishes the estimates of a driver: a known map once, and one that grows each `MAP_PERIOD`."""
 
     def __init__(self, bridge: Any, map_frame: str, odom_frame: str) -> None:
         """Advertise the topics. `bridge`: connection that keeps the newest message, and whose `publish` never waits."""

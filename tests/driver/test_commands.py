@@ -45,17 +45,16 @@ def commanding(server, **how):
 
 
 def test_a_decision_is_repeated_until_it_is_too_old_and_then_the_robot_is_stopped(server):
-    with commanding(server, timeout=0.5) as commands:
+    with commanding(server, timeout=1.0) as commands:
         time.sleep(0.1)
         assert not server.commands  # a robot that others drive is left alone until the first decision
         commands.send((0.1, 0.2), 7.0, local_time())
         wait_for(lambda: STOP in server.commands)
         first = server.commands.index(STOP)
         assert server.commands[:first] == [(0.1, 0.2)] * first
-        assert 3 <= first <= 30
-        commands.send((0.3, 0.0), 9.0, local_time() - 0.6)  # computed for too long
-        commands.send((0.2, 0.0), 9.0, local_time())
-        wait_for(lambda: (0.2, 0.0) in server.commands)
+        assert 1 <= first <= 60
+        commands.send((0.3, 0.0), 9.0, local_time() - 1.1)  # computed for too long
+        wait_for(lambda: commands.send((0.2, 0.0), 9.0, local_time()) or (0.2, 0.0) in server.commands)
         assert (0.3, 0.0) not in server.commands
     assert server.commands[-3:] == [STOP] * 3
     assert server.advertised("/cmd_vel") == ["geometry_msgs/Twist"]
@@ -64,8 +63,7 @@ def test_a_decision_is_repeated_until_it_is_too_old_and_then_the_robot_is_stoppe
 
 def test_after_the_processes_have_stood_still_the_first_command_is_a_stop(server):
     with commanding(server, timeout=0.4) as commands:
-        commands.send((0.1, 0.2), 7.0, local_time())
-        wait_for(lambda: server.commands)
+        wait_for(lambda: commands.send((0.1, 0.2), 7.0, local_time()) or server.commands)
         os.kill(commands._process.pid, signal.SIGSTOP)
         commands.send((0.3, 0.3), 7.1, local_time())  # waits in the pipe
         time.sleep(0.6)
@@ -94,8 +92,7 @@ def test_the_process_that_sends_ignores_signals_of_the_group_and_its_end_is_noti
     with commanding(server) as commands:
         for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             commands._process.send_signal(each)
-        commands.send((0.1, 0.2), 7.0, local_time())
-        wait_for(lambda: server.commands)
+        wait_for(lambda: commands.send((0.1, 0.2), 7.0, local_time()) or server.commands)
         assert not commands.has_ended
         commands._process.kill()
         wait_for(lambda: commands.error == "the process that sends commands has ended")
@@ -122,9 +119,8 @@ def test_the_type_of_commands_follows_the_robot(way, stamped):
 
     with contextlib.closing(Recorder(answer)) as server, commanding(server, stamped=stamped) as commands:
         wait_for(lambda: len(server.advertised("/cmd_vel")) == 2)
-        commands.send((0.1, 0.2), 7.25, local_time())
-        wait_for(lambda: (0.1, 0.2) in server.commands)
-        last = server.data[-1]["msg"]
+        wait_for(lambda: commands.send((0.1, 0.2), 7.25, local_time()) or (0.1, 0.2) in server.commands)
+        last = next(each["msg"] for each in reversed(server.data) if each["op"] == "publish")
         assert ("twist" in last) != stamped
         if not stamped:
             assert last["header"]["frame_id"] == "base_footprint"
