@@ -164,7 +164,8 @@ class Rosbridge:
                 self._outgoing[topic] = waiting
         if topic == "":
             return content
-        return {"op": "publish", "topic": topic, "msg": content}
+        latch = self._topics[f"advertise {topic}"]["latch"]  # rosbridge warns if messages do not repeat it
+        return {"op": "publish", "topic": topic, "msg": content, "latch": latch}
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -248,6 +249,7 @@ class Rosbridge:
                     continue
                 self._largest = max(self._largest, (len(text), data.get("topic", "")))
                 sending = asyncio.ensure_future(socket.send(text))
+                sending.add_done_callback(lambda each: each.cancelled() or each.exception())  # if nobody waits for it
                 left = math.inf
                 while not (await asyncio.wait({sending}, timeout=0.75 * MAX_SILENCE))[0]:
                     if (size := socket.transport.get_write_buffer_size()) >= left:
@@ -314,7 +316,8 @@ def _log_status() -> Callable[[str], None]:
 
 def _name_topics(kind: str, found: Any) -> None:
     names = [printable(each) for each in getattr(found, "topics", ())]
-    LOGGER.warning("topics of type %s: %s", kind, ", ".join(names) or "none")
+    told = printable(found)[:500] if isinstance(found, str) else ", ".join(names) or "none"  # a text is an error
+    LOGGER.warning("topics of type %s: %s", kind, told)
 
 
 def to_json(value: Any) -> Any:

@@ -152,6 +152,29 @@ def test_missing_topics_are_named_with_those_of_the_same_type(caplog):
     assert "no message on /scan (sensor_msgs/LaserScan) for 3 s" in caplog.text
 
 
+def test_messages_say_whether_they_are_latched_and_a_server_that_cannot_name_topics_is_quoted(caplog):
+    def answer(data):
+        if data["op"] == "call_service":
+            values = "Service /rosapi/topics_for_type does not exist"
+            return {"op": "service_response", "service": data["service"], "values": values, "result": False}
+        return None
+
+    with contextlib.closing(Recorder(answer)) as server:
+        bridge = Rosbridge(server.url, expected=["/scan"])
+        with contextlib.closing(bridge):
+            bridge.subscribe("/scan", "sensor_msgs/msg/LaserScan", lambda message: None)
+            bridge.advertise("/map", "std_msgs/msg/Bool", latch=True)
+            bridge.advertise("/plan", "std_msgs/msg/Bool")
+            wait_for(lambda: not bridge.error)
+            for topic in ("/map", "/plan"):
+                bridge.publish(topic, {"data": True})
+            wait_for(lambda: "topics of type sensor_msgs/LaserScan: Service /rosapi/topics_for_type" in caplog.text)
+    assert {each["topic"]: each["latch"] for each in server.data if each["op"] == "publish"} == {
+        "/map": True,
+        "/plan": False,
+    }
+
+
 def test_texts_of_a_server_are_escaped_and_said_once(caplog):
     with contextlib.closing(Recorder()) as server, contextlib.closing(Rosbridge(server.url)) as bridge:
         wait_for(lambda: not bridge.error)
@@ -296,6 +319,30 @@ def test_a_policy_that_hangs_is_interrupted(monkeypatch):
     with pytest.raises(TimeoutError, match=r"a decision takes over 0\.3 s"):
         run.run(60.0, watch=lambda: time_limited(0.3))
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("jump", [-50.0, 0.0, 50.0])
+def test_decisions_keep_their_rate_after_the_clock_has_stood_still_or_jumped(jump, monkeypatch):
+    run, is_over, local, steps = Drive(control_hz=10.0), threading.Event(), [100.0], [0, 0, 0]
+
+    def clock(local):  # stands still from 110 to 130 s
+        return local if local < 110.0 else 110.0 if local < 130.0 else local + jump
+
+    def sleep(seconds):
+        local[0] += seconds
+        run.session._sim_time = clock(local[0])
+        if local[0] > 140.0:
+            is_over.set()
+
+    def step():
+        steps[(local[0] >= 110.0) + (local[0] >= 130.0)] += 1
+
+    run.session._sim_time = clock(local[0])
+    monkeypatch.setattr(drive.time, "monotonic", lambda: local[0])
+    monkeypatch.setattr(drive.time, "sleep", sleep)
+    monkeypatch.setattr(run.session, "step", step)
+    run.session.run(is_over)
+    assert steps == pytest.approx([100, 40, 100], abs=3)
 
 
 def test_messages_that_waited_while_the_program_stood_still_are_old(monkeypatch):
