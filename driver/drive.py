@@ -54,7 +54,8 @@ class Options:
     robot: str = "turtlebot3_burger"
     """Library robot, or path of a robot YAML."""
     policy: str = "learned:pretrained/frontiers"
-    """Policy: a name as in `lidarnaut-evaluate --policies`. Policies with a goal wait for `goal` or `/goal_pose`."""
+    """Policy: a name as in `lidarnaut-evaluate --policies`. Policies with a goal wait for `goal`, `/goal_pose` or
+    `/move_base_simple/goal`."""
     goal: tuple[float, ...] | None = None
     """Goal x, y [m], and optionally heading [rad] (not for learned policies), map frame; selects policies that drive to
     goals."""
@@ -197,7 +198,8 @@ class Session:
             bridge.subscribe(o.odom_topic, "nav_msgs/msg/Odometry", self._on_odometry)
         if o.imu_topic is not None:
             bridge.subscribe(o.imu_topic, "sensor_msgs/msg/Imu", self._on_imu)
-        bridge.subscribe("/goal_pose", "geometry_msgs/msg/PoseStamped", self._on_goal)
+        for topic in ("/goal_pose", "/move_base_simple/goal"):  # of RViz in ROS 2, and in ROS 1
+            bridge.subscribe(topic, "geometry_msgs/msg/PoseStamped", self._on_goal)
         bridge.subscribe("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", self._on_initial_pose)
         if o.dead_man is not None:
             bridge.subscribe(o.dead_man, "std_msgs/msg/Bool", self._on_dead_man)
@@ -334,7 +336,7 @@ class Session:
                     LOGGER.warning("not done within %g s", self.options.time_limit)
                     return False
                 stepped = time.monotonic()
-                due = due + period if due > now - period else now + period
+                due = due + period if now - period < due <= now else now + period
             time.sleep(0.001 if self.options.use_sim_time else 0.1 * period)
         return True
 

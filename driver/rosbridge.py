@@ -164,7 +164,8 @@ class Rosbridge:
                 self._outgoing[topic] = waiting
         if topic == "":
             return content
-        return {"op": "publish", "topic": topic, "msg": content}
+        latch = self._topics[f"advertise {topic}"]["latch"]  # rosbridge warns if messages do not repeat it
+        return {"op": "publish", "topic": topic, "msg": content, "latch": latch}
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -185,11 +186,7 @@ class Rosbridge:
                     reason = "the server has closed the connection"
                 except Exception as error:  # also those of a connection that is reset while it closes
                     reason = f"{type(error).__name__}: {printable(error)}"
-                    if (
-                        isinstance(error, ConnectionClosed)
-                        and error.rcvd
-                        and error.rcvd.code == CloseCode.MESSAGE_TOO_BIG
-                    ):
+                    if _is_too_big(error):
                         reason = f"messages of {self._largest[0]} bytes are too large for the server"
                         self._refuse(self._largest[1])
                 with self._lock:
@@ -248,6 +245,7 @@ class Rosbridge:
                     continue
                 self._largest = max(self._largest, (len(text), data.get("topic", "")))
                 sending = asyncio.ensure_future(socket.send(text))
+                sending.add_done_callback(lambda each: each.cancelled() or each.exception())  # if nobody waits for it
                 left = math.inf
                 while not (await asyncio.wait({sending}, timeout=0.75 * MAX_SILENCE))[0]:
                     if (size := socket.transport.get_write_buffer_size()) >= left:
@@ -301,6 +299,18 @@ class Rosbridge:
                 LOGGER.warning("%s: a message is dropped: %s", printable(name), reason)
 
 
+def _is_too_big(error: BaseException | None) -> bool:
+    """Return whether a server has closed the connection because of a message's size.
+
+    Leaving the context of websockets 17.4 may raise AttributeError, with the reason as its context alone.
+    """
+    while error is not None:
+        if isinstance(error, ConnectionClosed) and error.rcvd and error.rcvd.code == CloseCode.MESSAGE_TOO_BIG:
+            return True
+        error = error.__context__
+    return False
+
+
 def _log_status() -> Callable[[str], None]:
     said = set[str]()
 
@@ -314,7 +324,8 @@ def _log_status() -> Callable[[str], None]:
 
 def _name_topics(kind: str, found: Any) -> None:
     names = [printable(each) for each in getattr(found, "topics", ())]
-    LOGGER.warning("topics of type %s: %s", kind, ", ".join(names) or "none")
+    told = printable(found)[:500] if isinstance(found, str) else ", ".join(names) or "none"  # a text is an error
+    LOGGER.warning("topics of type %s: %s", kind, told)
 
 
 def to_json(value: Any) -> Any:

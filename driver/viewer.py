@@ -12,8 +12,8 @@ from .driver import Driver
 
 MAP_PERIOD = 2.0
 """Time between published maps [s]."""
-MAX_CELLS = 1_000_000
-"""Maximum number of cells of a published map: 4 MB of JSON, where rosbridge's usual limit is 10 MB."""
+MAX_CELLS = 400_000
+"""Maximum number of cells of a published map: up to 1.6 MB of JSON, which keep a rosbridge server busy for a moment."""
 
 
 class Viewer:
@@ -30,7 +30,8 @@ class Viewer:
     def show(self, driver: Driver, now: float) -> None:
         """Publish the estimates at a time of the robot's clock [s]."""
         publish, overlay = self._publish, driver.env.overlay
-        publish("/tf", messages.transforms(now, (*self._frames, driver.map_to_odometry)))
+        until = now + driver.env.control_period  # as AMCL, so that tf2 finds it for messages of the next period
+        publish("/tf", messages.transforms(until, (*self._frames, driver.map_to_odometry)))
         publish("/plan", messages.path(now, np.empty((0, 2)) if driver.plan is None else driver.plan))
         if 0.0 <= now - self._map_time < MAP_PERIOD:
             return

@@ -102,7 +102,7 @@ def points(time: float, positions: np.ndarray) -> Any:
     kind = typestore().types["visualization_msgs/msg/Marker"].POINTS
     return _make(
         "visualization_msgs/msg/MarkerArray",
-        [_marker(time, "points", 0, kind, Pose2D(0.0, 0.0, 0.0), (0.1, 0.1, 0.1), shown)],
+        [_marker(time, "points", 0, kind, Pose2D(0.0, 0.0, 0.0), (0.1, 0.1, 0.1), shown, 2.5)],
     )
 
 
@@ -151,11 +151,14 @@ def _twist(twist: Twist) -> Any:
     return _make("geometry_msgs/msg/Twist", *vectors)
 
 
-def _marker(time: float, name: str, k: int, kind: int, pose: Pose2D, size: Any, points: Any) -> Any:
+def _marker(
+    time: float, name: str, k: int, kind: int, pose: Pose2D, size: Any, points: Any, lifetime: float = 0.5
+) -> Any:
     header, nothing = _header(time, MAP), np.array([], dtype=np.uint8)
     add = typestore().types["visualization_msgs/msg/Marker"].ADD
     look = _make("geometry_msgs/msg/Vector3", *size), _make("std_msgs/msg/ColorRGBA", 0.9, 0.6, 0.0, 0.8)
-    shown = _make("builtin_interfaces/msg/Duration", 0, 500_000_000)
+    seconds, fraction = divmod(lifetime, 1.0)
+    shown = _make("builtin_interfaces/msg/Duration", int(seconds), round(fraction * 1e9))
     texture = _make("sensor_msgs/msg/CompressedImage", header, "", nothing)
     mesh = _make("visualization_msgs/msg/MeshFile", "", nothing)
     rest: Any = False, points, [], "", texture, [], "", "", mesh, False

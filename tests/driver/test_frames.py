@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs import messages
+from lidarnaut.envs.logs.transforms import seconds
 from lidarnaut.envs.robots import LidarParams, Mount
 
 pytest.importorskip("websockets")
@@ -459,6 +460,7 @@ def test_a_robot_with_a_lidar_that_is_turned_drives_by_its_transforms(how, caplo
     assert math.dist(robot.start[:2], robot.pose[:2]) > 0.3
     sent = topics.sent["/tf"].transforms[0]
     assert (sent.header.frame_id, sent.child_frame_id) == ("map", "odom")
+    assert seconds(sent.header.stamp) == pytest.approx(session.time + session.driver.env.control_period)
     assert not caplog.records
 
 
@@ -487,8 +489,10 @@ def test_goals_of_the_odometry_and_the_base_frame_are_moved_to_the_map_and_other
     }
     assert math.hypot(*expected["base_link"][:2]) > math.hypot(*given[:2]) + 0.01
     for frame, goal in expected.items():
-        topics.publish("/goal_pose", pose_message(frame, given))
-        assert tuple(driver.env.task.goal) == pytest.approx(tuple(goal))
+        for topic in ("/goal_pose", "/move_base_simple/goal"):
+            driver.goal(0.0, 0.0)
+            topics.publish(topic, pose_message(frame, given))
+            assert tuple(driver.env.task.goal) == pytest.approx(tuple(goal))
     assert not caplog.records
     before = driver.env.task.goal
     for _ in range(2):

@@ -341,6 +341,7 @@ def test_messages_become_json_of_both_versions_of_ros():
         assert vars(from_json({"stamp": dict(zip(names, (1, 5)))}).stamp) == {"sec": 1, "nanosec": 5}
     points = to_json(messages.points(1.0, np.ones((2, 2))))
     assert "texture" not in points["markers"][0]
+    assert points["markers"][0]["lifetime"] == {"secs": 2, "nsecs": 500_000_000}  # until the next ones
 
 
 @pytest.mark.parametrize(
