@@ -103,12 +103,8 @@ def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
     is_team = len(inner.action_space.shape or ()) > 1
     found = (TEAMS if is_team else OFFERED).items()
     offered = [makers for name, makers in found if getattr(inner.task, name, None) is not None]
-    alone = {name: partial(_one_per_robot, make) for name, make in ANY.items()} if is_team else ANY
+    alone = {name: partial(OnePerRobot, make()) for name, make in ANY.items()} if is_team else ANY
     return {name: make for makers in (*offered, alone) for name, make in makers.items()}
-
-
-def _one_per_robot(make: Callable[[], Explorer]) -> OnePerRobot:
-    return OnePerRobot(make())
 
 
 __all__ = [

@@ -71,13 +71,12 @@ class WallFollower(Explorer):
         self._curvatures = (np.array(CURVATURES) * REFERENCE_RADIUS / max(robot.radius, REFERENCE_RADIUS)).tolist()
         self._reach = robot.radius + ARC_LENGTH
         self._navigator = Navigator(robot, control_period)
-        self._has_begun = self._is_following = False
+        self._is_following = False
         self._turned = 0.0
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         navigator = self._navigator
-        (navigator.sense if self._has_begun else navigator.reset)(reading)
-        self._has_begun = True
+        navigator.sense(reading)
         if reading.bumper and not navigator.is_recovering:
             navigator.recover()
         self._turned += navigator.velocity.w * self._period
@@ -120,7 +119,6 @@ class RouteFollower(Explorer):
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         super().reset(robot, control_period, rng)
         self._navigator = Navigator(robot, control_period)
-        self._has_begun = False
         params = FollowerParams(lookahead_time=LOOKAHEAD_TIME, min_turn_time=MIN_TURN_TIME, rotate_from=ROTATE_FROM)
         self._follower = PathFollower(robot, control_period, params)
 
@@ -132,8 +130,7 @@ class RouteFollower(Explorer):
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         navigator = self._navigator
-        (navigator.sense if self._has_begun else navigator.reset)(reading)
-        self._has_begun = True
+        navigator.sense(reading)
         pursuit = self._follower.command(belief.pose, navigator.velocity, navigator.obstacles)
         robot, period, before, offset = self.robot, self.control_period, self._planned, self._locate(belief.pose)
         most_v, most_w = robot.max_acc_v * period, robot.max_acc_w * period

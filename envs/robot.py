@@ -11,7 +11,7 @@ from lidarnaut.envs.estimation.belief import check_belief
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.estimation.map_pyramid import MapPyramid
 from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, are_on_bodies, as_bodies, scan_ends
-from lidarnaut.envs.estimation.tracking import LARGE_ENOUGH, NOT_STANDING, PeopleTracker
+from lidarnaut.envs.estimation.tracking import PeopleTracker
 from lidarnaut.envs.estimation.trail import Trail, interpolate
 from lidarnaut.envs.files import with_defaults
 from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
@@ -190,7 +190,7 @@ class Robot:
 
     def _track(self, tracker: PeopleTracker, ranges: np.ndarray, motion: Pose2D) -> None:
         self.belief.people = tracker.update(ranges, motion)
-        self.belief.on_people = tracker.is_on_person(ranges, include=NOT_STANDING)
+        self.belief.on_people = tracker.is_on_person(ranges, standing=False)
 
     def locate(self, flags: int) -> None:
         """Update estimated pose, map and path after a control period, from the scan or from odometry.
@@ -223,7 +223,7 @@ class Robot:
     def _filtered(self, ranges: np.ndarray) -> np.ndarray:
         if self.tracker is not None:
             if isinstance(self.estimator, KeyScanSlam):
-                self.estimator.unmatched = self.tracker.is_on_person(ranges, include=LARGE_ENOUGH)
+                self.estimator.unmatched = self.tracker.is_on_person(ranges, standing=True)
             ranges = np.where(np.asarray(self.belief.on_people), np.float32(np.nan), ranges)
         if not self.peers:
             return ranges

@@ -48,11 +48,14 @@ class RuleExplorer(Explorer):
         self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
         self.planning, self.params = planning, params
         self.uses_ground_truth = getattr(rule, "uses_ground_truth", False)
-        self._has_begun = False
+
+    @property
+    def _has_begun(self) -> bool:
+        return self.navigator is not None and self.navigator.candidates is not None
 
     @property
     def plan(self) -> np.ndarray | None:  # type: ignore[override]
-        return self.navigator.plan if self.navigator is not None and self._has_begun else None
+        return None if self.navigator is None else self.navigator.plan
 
     @property
     def markers(self) -> Markers | None:  # type: ignore[override]
@@ -76,7 +79,6 @@ class RuleExplorer(Explorer):
         self.navigator = FrontierNavigator(robot, control_period, **limits, **parts)
         if hasattr(self.rule, "reset"):
             self.rule.reset(robot, rng)
-        self._has_begun = False
         self.scores = self.end_reason = None
         # Frontiers that the robot has left since the last completed drive.
         self._left: list[np.ndarray] = []
@@ -90,7 +92,6 @@ class RuleExplorer(Explorer):
         if self._has_begun:
             outcome = navigator.update(reading, belief)
         else:
-            self._has_begun = True
             navigator.begin(reading, belief)
             outcome = ARRIVED if len(navigator.candidates) else None
             if outcome is None:

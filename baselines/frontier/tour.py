@@ -15,6 +15,7 @@ from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.frontier.rules import MIN_LENGTHS
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry.occupancy_grid import blocks_of
 from lidarnaut.envs.navigation import COST_UNKNOWN, Candidates, Costmap, PlanningParams, travel_field
 from lidarnaut.envs.robots import RobotParams
 
@@ -122,13 +123,3 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
         paths = np.full(len(points) - k - 1, np.inf) if field is None else field.cost(cells[k + 1 :])
         lengths[k, k + 1 :] = lengths[k + 1 :, k] = paths
     return np.minimum(lengths, UNREACHABLE_LENGTH)
-
-
-def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:
-    """Split a costmap into square blocks of cells, shape (block rows, block columns, side**2).
-
-    `beyond`: cost that fills incomplete blocks at the border.
-    """
-    padded = np.pad(costs, [(0, -length % side) for length in costs.shape], constant_values=beyond)
-    height, width = padded.shape[0] // side, padded.shape[1] // side
-    return padded.reshape(height, side, width, side).swapaxes(1, 2).reshape(height, width, side**2)

@@ -50,27 +50,18 @@ def count_bits(words):
 
 
 @njit(cache=True, error_model="numpy")
-def add_views(cover, first, last, seen):
-    """Mark the cells that are visible along a path as observed, in `seen`: one bit per cell, shape (words,), uint64.
-
-    The path leads from viewpoint `first` to viewpoint `last`. The view from `first` is not added.
-    """
-    viewpoint = last
-    while viewpoint != first:
-        for w in range(seen.size):
-            seen[w] |= cover.sees[viewpoint, w]
-        viewpoint = cover.predecessors[first, viewpoint]
-
-
-@njit(cache=True, error_model="numpy")
 def seen_on(cover, known, tour):
     """Return the cells observed before or during a tour, one bit per cell, shape (words,), uint64.
 
-    `known`: cells observed before the tour.
+    `known`: cells observed before the tour. The view from its start does not count.
     """
     seen = known.copy()
     for k in range(tour.size - 1):
-        add_views(cover, tour[k], tour[k + 1], seen)
+        viewpoint = tour[k + 1]
+        while viewpoint != tour[k]:
+            for w in range(seen.size):
+                seen[w] |= cover.sees[viewpoint, w]
+            viewpoint = cover.predecessors[tour[k], viewpoint]
     return seen
 
 

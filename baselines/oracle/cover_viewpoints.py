@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lidarnaut.baselines.frontier.tour import blocks_of
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.lines import cell_along, longest_step
+from lidarnaut.envs.geometry.occupancy_grid import blocks_of
 from lidarnaut.envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, travel_field
 from lidarnaut.envs.navigation.search.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
 

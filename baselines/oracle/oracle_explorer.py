@@ -108,7 +108,7 @@ class OracleExplorer(Explorer):
         navigator = self._navigator
         if self._map is None:
             self._map = PlanningMap(self._robot, belief.grid.resolution)
-            navigator.reset(reading)
+            navigator.sense(reading)
         else:
             self._progress = navigator.update(reading, belief.pose)
         self._countdown -= 1

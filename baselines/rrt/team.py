@@ -16,7 +16,7 @@ from lidarnaut.baselines.rrt.robot import RrtRobot
 from lidarnaut.baselines.teams.team import TeamExplorer
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid
-from lidarnaut.envs.navigation import NO_POINTS, Candidates, Markers
+from lidarnaut.envs.navigation import NO_POINTS, Markers
 from lidarnaut.envs.navigation.frontiers.frontiers import information_gain
 from lidarnaut.envs.navigation.frontiers.views import visible_gain
 from lidarnaut.envs.navigation.teams.team_navigator import UNASSIGNED
@@ -112,9 +112,13 @@ class RrtTeam(TeamExplorer):
     def _assign(self, due: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> list[int]:
         assert self._navigator is not None
         columns: dict[tuple[float, float], int] = {}
-        goals = [open_goals(robot.candidates) for robot in due]
-        for frontiers, _, _ in goals:
-            for x, y in frontiers.tolist():
+        goals: list[tuple[np.ndarray, ...]] = []
+        for robot in due:
+            indices = np.flatnonzero(robot.candidates["failures"] == 0)
+            if len(indices) == 0:
+                indices = np.arange(len(robot.candidates))
+            goals.append((robot.candidates["frontier"][indices], robot.candidates["cost"][indices], indices))
+            for x, y in goals[-1][0].tolist():
                 columns.setdefault((x, y), len(columns))
         costs = np.full((len(due), len(columns)), np.inf)
         for row, (frontiers, lengths, indices) in enumerate(goals):
@@ -133,18 +137,6 @@ class RrtTeam(TeamExplorer):
             int(indices[(frontiers == points[point]).all(axis=1).argmax()]) if point != UNASSIGNED else UNASSIGNED
             for (frontiers, _, indices), point in zip(goals, chosen, strict=True)
         ]
-
-
-def open_goals(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return position, path cost and index of each reachable frontier without a failed drive.
-
-    Positions: shape (k, 2), map frame [m]. Path costs: shape (k,) [m]. Indices: shape (k,). If drives to all frontiers
-    have failed, all are returned.
-    """
-    indices = np.flatnonzero(candidates["failures"] == 0)
-    if len(indices) == 0:
-        indices = np.arange(len(candidates))
-    return candidates["frontier"][indices], candidates["cost"][indices], indices
 
 
 class RrtExplorer(RrtTeam):

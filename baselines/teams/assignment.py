@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +12,7 @@ from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, cover, path_le
 from lidarnaut.baselines.teams.tours import min_max_tours
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates, GainOverCost
-from lidarnaut.envs.navigation.teams.team_navigator import OVERLAP, UNASSIGNED, discount
+from lidarnaut.envs.navigation.teams.team_navigator import UNASSIGNED, discount
 
 COVER_RADIUS = 2.0
 """Frontiers within this distance of a tour stop need no stop of their own [m]."""
@@ -41,26 +42,23 @@ class Auction:
     frontiers.
     """
 
-    def __init__(self, rule: FrontierRule | None = None, overlap: float = OVERLAP) -> None:
-        self._rule, self._overlap = rule or GainOverCost(), overlap
+    def __init__(self, rule: FrontierRule | None = None) -> None:
+        self._rule = rule or GainOverCost()
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> list[int]:
         offers = [replace(candidates, table=candidates.table.copy()) for candidates in offers]
         chosen = [UNASSIGNED] * len(offers)
         left = [k for k, candidates in enumerate(offers) if len(candidates)]
-        for frontier in taken:
-            self._discount(offers, frontier)
+        for candidates, frontier in product(offers, taken):
+            discount(candidates, frontier)
         while left:
             bids = {k: np.asarray(self._rule(offers[k], beliefs[k])) for k in left}
             winner = max(left, key=lambda k: float(bids[k].max()))
             chosen[winner] = int(bids[winner].argmax())
             left.remove(winner)
-            self._discount(offers, offers[winner]["frontier"][chosen[winner]])
+            for candidates in offers:
+                discount(candidates, offers[winner]["frontier"][chosen[winner]])
         return chosen
-
-    def _discount(self, offers: Sequence[Candidates], frontier: np.ndarray) -> None:
-        for candidates in offers:
-            discount(candidates, frontier, self._overlap)
 
 
 class MinMaxTours:

@@ -30,10 +30,9 @@ class TeamExplorer(Explorer):
         """
         self.rule, self.period = rule, period
         self._navigator: TeamNavigator | None = None
-        self._is_reset = False
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        self._robot, self._control_period, self._is_reset = robot, control_period, True
+        self._robot, self._control_period = robot, control_period
         self._navigator, self._steps = None, 0
 
     @property
@@ -48,12 +47,8 @@ class TeamExplorer(Explorer):
     def markers(self) -> Markers | None:  # type: ignore[override]
         return None if self._navigator is None else Markers.of(self._navigator.team)
 
-    @property
-    def targets(self) -> list[tuple[float, float] | None]:
-        return [] if self._navigator is None else self._navigator.targets
-
     def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:  # type: ignore[override]
-        if not self._is_reset:
+        if not hasattr(self, "_robot"):
             raise RuntimeError("call reset before act")
         if self._navigator is None:
             self._navigator = TeamNavigator(self._robot, [self._make_robot(k) for k in range(len(readings))])

@@ -17,11 +17,6 @@ class DeadReckoning(Estimator):
     def reset(
         self, rng: np.random.Generator, pose: Pose2D | None = ORIGIN, map: Any = None, covariance: Any = None
     ) -> Belief:
-        """Start at `pose` in the map frame. Without a map, use a map of one unknown cell.
-
-        Raises:
-            ValueError: `pose` is None.
-        """
         if pose is None:
             raise ValueError("dead reckoning needs a start pose; use localizer='amcl'")
         return super().reset(rng, pose, map)

@@ -35,9 +35,6 @@ X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_P
 """Array indices of a track: Kalman filter in the odometry frame, then counters and flags. `SEEN`: time of the last
 match [s]; `BORN_X`, `BORN_Y`: start position [m]; `ON_FREE`: number of matches in free space."""
 TRACK_SIZE = 16
-TRACKED, NOT_STANDING, LARGE_ENOUGH = range(3)
-"""Strictness of person detection: confirmed people only; also person-sized clusters not known to be static; or all
-person-sized clusters."""
 POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
 """Array indices of the tracker's state: odometry pose [m, m, rad], time [s], and counters. `NUM_SCANS`: number of scans
 stored since the reset; `NUM_BORN`: number of tracks started since the reset."""
@@ -336,18 +333,15 @@ class PeopleTracker:
         """All tracks, a view of shape (n, TRACK_SIZE), float64: one row per track, column indices `X` to `ON_FREE`."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
-    def is_on_person(self, ranges: np.ndarray, *, include: int = TRACKED) -> np.ndarray:
-        """Return the mask of beams that end within 0.1 m of people: shape (num_beams,), bool.
+    def is_on_person(self, ranges: np.ndarray, *, standing: bool) -> np.ndarray:
+        """Return the mask of beams that end within 0.1 m of people or person-sized clusters: shape (num_beams,), bool.
 
-        `include`: `TRACKED` (confirmed people), `NOT_STANDING` (also person-sized clusters not known to be static) or
-        `LARGE_ENOUGH` (all person-sized clusters).
+        `standing`: whether clusters count that are known to be static.
         """
-        bodies = np.empty((0, 5))
-        if include > TRACKED:
-            clusters = self._clusters[: int(self._state[NUM_CLUSTERS])]
-            is_body = (clusters[:, 4] != SLOPE) & (clusters[:, 3] >= MIN_BEAMS)
-            clusters = clusters[is_body & ((clusters[:, 5] == 0.0) | (include == LARGE_ENOUGH))]
-            pose = Pose2D(*self._state[POSE : POSE + 3].tolist()).inverse()
-            bodies = np.zeros((len(clusters), 5))
-            bodies[:, :2], bodies[:, 4] = pose.transform(clusters[:, :2]), clusters[:, 2]
+        clusters = self._clusters[: int(self._state[NUM_CLUSTERS])]
+        is_body = (clusters[:, 4] != SLOPE) & (clusters[:, 3] >= MIN_BEAMS)
+        clusters = clusters[is_body & ((clusters[:, 5] == 0.0) | standing)]
+        pose = Pose2D(*self._state[POSE : POSE + 3].tolist()).inverse()
+        bodies = np.zeros((len(clusters), 5))
+        bodies[:, :2], bodies[:, 4] = pose.transform(clusters[:, :2]), clusters[:, 2]
         return are_on_bodies(scan_ends(ranges, self._geometry), np.vstack([self.people, bodies]), 0.1)

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarnaut.envs.compilation import njit
-
 from .window import Window
 
 UNKNOWN = -1
@@ -66,26 +64,15 @@ class OccupancyGrid:
         return np.all((cells >= 0) & (cells < self.data.shape), axis=-1)
 
 
-@njit(cache=True, error_model="numpy")
-def known_window(data):
+def known_window(data: np.ndarray) -> Window:
     """Return the bounding rectangle of the observed cells of an occupancy grid, shape (height, width), int8.
 
     Without any observed cell, the rectangle is the whole grid.
     """
-    height, width = data.shape
-    highest_in_row = np.full(height, -1, dtype=np.int8)
-    highest_in_col = np.full(width, -1, dtype=np.int8)
-    for row in range(height):
-        line = data[row]
-        highest = np.int8(-1)
-        for col in range(width):
-            highest = max(highest, line[col])
-            highest_in_col[col] = max(highest_in_col[col], line[col])
-        highest_in_row[row] = highest
-    rows, cols = np.flatnonzero(highest_in_row >= 0), np.flatnonzero(highest_in_col >= 0)
-    if len(rows) == 0:
-        return Window(0, 0, height, width)
-    return Window(rows[0], cols[0], rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
+    rows, cols = (np.flatnonzero(data.max(axis=axis) >= 0).tolist() for axis in (1, 0))
+    if not rows:
+        return Window(0, 0, *data.shape)
+    return Window.spanning((rows[0], cols[0]), (rows[-1], cols[-1]))
 
 
 def crop_to_known(grid: OccupancyGrid, margin: int = 1) -> OccupancyGrid:
@@ -97,3 +84,13 @@ def crop_to_known(grid: OccupancyGrid, margin: int = 1) -> OccupancyGrid:
     x, y = grid.origin
     origin = x + window.col * grid.resolution, y + window.row * grid.resolution
     return OccupancyGrid(grid.data[window.slices], grid.resolution, origin)
+
+
+def blocks_of(raster: np.ndarray, side: int, beyond: int) -> np.ndarray:
+    """Split a raster, shape (height, width), into square blocks of cells, shape (block rows, block columns, side**2).
+
+    `beyond`: value that fills incomplete blocks at the border.
+    """
+    padded = np.pad(raster, [(0, -length % side) for length in raster.shape], constant_values=beyond)
+    height, width = padded.shape[0] // side, padded.shape[1] // side
+    return padded.reshape(height, side, width, side).swapaxes(1, 2).reshape(height, width, side**2)

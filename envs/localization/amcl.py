@@ -1,9 +1,7 @@
 """AMCL: adaptive Monte Carlo localization, as in Nav2."""
 
-import functools
 import logging
 import math
-import operator
 import weakref
 from collections import deque
 from dataclasses import replace
@@ -42,7 +40,7 @@ _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
 
 def _mean(shares: deque[float]) -> float:
     # `sum` rounds differently since Python 3.12.
-    return functools.reduce(operator.add, shares) / len(shares) if shares else math.nan
+    return float(np.cumsum(shares)[-1]) / len(shares) if shares else math.nan
 
 
 def check_covariance(covariance: Any) -> np.ndarray:
@@ -88,7 +86,7 @@ class Amcl(Estimator):
         self._lidar = lidar
         self._tables: _MapTables
         self._least_fit: float = params.lost_fit
-        self._bins = np.empty(params.most_particles, dtype=np.int32)
+        self._bins = np.empty(max(params.max_particles, params.global_particles or 0), dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
         self.cluster_weight: float
         """Weight of the heaviest particle cluster, from 0 to 1."""
@@ -113,11 +111,6 @@ class Amcl(Estimator):
     @property
     def num_particles(self) -> int:
         return len(self._weights)
-
-    @property
-    def weights(self) -> np.ndarray:
-        """Copy of the normalized particle weights: shape (n,), float64."""
-        return self._weights.copy()
 
     def reset(
         self,

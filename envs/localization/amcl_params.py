@@ -86,10 +86,6 @@ class AmclParams:
         if self.alpha_slow > self.alpha_fast:
             raise ValueError(f"alpha_slow must not exceed alpha_fast, got {self.alpha_slow}")
 
-    @property
-    def most_particles(self) -> int:
-        return max(self.max_particles, self.global_particles or 0)
-
 
 PRESETS: dict[str, AmclParams] = {
     "nav2": AmclParams(),

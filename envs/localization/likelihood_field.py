@@ -106,20 +106,6 @@ def sum_fields(field, points, num_points, particles, sums):
 
 
 @njit(cache=True, error_model="numpy")
-def multiply_by_sum(weights, sums, unit):
-    """Multiply particle weights by 1 + the sum of cubed beam likelihoods, as in ROS; return the weighted mean factor.
-
-    `weights`: shape (n,). `sums`: sum of scaled cubed likelihoods over beams, per particle. `unit`: their scale.
-    """
-    mean = 0.0
-    for i in range(weights.shape[0]):
-        factor = 1.0 + unit * sums[i]
-        mean += weights[i] * factor
-        weights[i] *= factor
-    return mean
-
-
-@njit(cache=True, error_model="numpy")
 def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
     """Multiply particle weights, shape (n,), by scan likelihoods, up to a common factor; return the mean likelihood.
 
@@ -204,7 +190,8 @@ class LikelihoodField:
                 return multiply_by_product(
                     weights, sums, self._unit, self._least, count, self._squash, self._needs_mean
                 )
-            return multiply_by_sum(weights, sums, self._unit)
+            weights *= 1.0 + self._unit * sums  # as in ROS
+            return float(weights.sum())
 
         return weigh
 

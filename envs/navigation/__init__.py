@@ -9,7 +9,6 @@ from .controllers.navigator import Navigator
 from .controllers.regulated_pursuit import FollowerParams, PathFollower
 from .frontiers.candidates import CANDIDATE, FEATURES, Candidates, GainOverCost, Markers, failed_last, robot_features
 from .frontiers.frontier_navigator import FrontierNavigator
-from .frontiers.frontiers import frontier_mask
 from .frontiers.views import NUM_SECTORS
 from .goals.docking import DockNavigator
 from .goals.goal_navigator import GoalNavigator, GoalParams, HomeNavigator
@@ -26,7 +25,7 @@ from .maps.costmap import (
 from .maps.obstacles import NO_POINTS, free_distance
 from .maps.planning_map import PlanningMap
 from .maps.planning_params import DwbParams, NavigatorParams, PlanningParams
-from .search.paths import TravelField, is_path_valid, plan_path, smooth_path, travel_field
+from .search.paths import TravelField, is_path_valid, plan_path, travel_field
 
 __all__ = [
     "CANDIDATE",
@@ -63,11 +62,9 @@ __all__ = [
     "crop_to_known",
     "failed_last",
     "free_distance",
-    "frontier_mask",
     "is_path_valid",
     "make_costmap",
     "plan_path",
     "robot_features",
-    "smooth_path",
     "travel_field",
 ]

@@ -46,11 +46,6 @@ def unvisited_word(value: float) -> int:
     return round(value * FULL_OCCUPANCY) << COUNT_BITS
 
 
-def probabilities(words: np.ndarray) -> np.ndarray:
-    """Return the occupancies of packed int32 map cells, same shape, float64."""
-    return (words >> COUNT_BITS) / FULL_OCCUPANCY
-
-
 @njit(cache=True, error_model="numpy")
 def observe(word, target):
     """Return a packed map cell (int32) updated by an observed occupancy, `target`, in units of 2^-18."""

@@ -6,7 +6,6 @@ from lidarnaut.envs.robots import LidarParams
 
 from .key_scans import KeyScanSlam
 from .log_odds_map import LogOddsMap
-from .matcher import notify
 from .matching.covariance import position_std
 from .matching.scan_matcher import Match, MatcherParams, match_to_levels
 from .relocalization import FOUND_STD, LocalizationMonitor
@@ -65,9 +64,9 @@ class Hector(KeyScanSlam):
             less, covariance = matcher._replace(iterations=steps, retry_below=0.0), belief.covariance.copy()
             tested.append(match_to_levels(ranges, *over, *poses, less, covariance, self._points))
         match: Match = match_to_levels(ranges, *over, *poses, matcher, belief.covariance, self._points)
-        if self.observers:
-            costs = [(Pose2D(*each[:3]), each.num_hits - each.fit.total) for each in (*tested, match)]
-            notify(self.observers, predicted, costs, costs[-1])
+        costs = [(Pose2D(*each[:3]), each.num_hits - each.fit.total) for each in (*tested, match)]
+        for observer in self.observers:
+            observer(predicted, costs, costs[-1])
         return match
 
     def _update_lost(self, ranges: np.ndarray, predicted: Pose2D, pose: Pose2D, fits: bool | None) -> Pose2D | None:

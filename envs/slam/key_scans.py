@@ -1,6 +1,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -33,14 +33,6 @@ POINT_CELL = 0.1
 """Cell side for thinning merged scans to one point per cell [m]."""
 
 
-class Anchor(NamedTuple):
-    """Robot pose relative to an earlier scan, whose own pose may be corrected later."""
-
-    key_scan: int
-    """Index of the scan in the trajectory `Belief.path`."""
-    relative: Pose2D
-
-
 class KeyScans:
     """Store of lidar scans and base poses."""
 
@@ -66,20 +58,15 @@ class KeyScans:
         self._ranges.append(ranges)
         return self._poses.append(pose)
 
-    def points(self, index: int) -> np.ndarray:
-        """Return the points of a scan, shape (n, 2), float32, base frame [m]."""
-        out = np.empty((2, self.ranges.shape[1]), dtype=np.float32)
-        count = project_hits(self.ranges[index], self._geometry, out)
-        return out[:, :count].T
-
     def joined_points(self, first: int, last: int, max_range: float, max_points: int) -> np.ndarray:
         """Merge the points of scans `first` to `last`, shape (n, 2), float32, base frame of scan `last` [m].
 
         Points within `max_range` [m] are thinned to one per cell of side `POINT_CELL`, and to `max_points`.
         """
-        here = Pose2D(*self.poses[last].tolist())
-        poses = [Pose2D(*pose) for pose in self.poses[first : last + 1].tolist()]
-        parts = [here.between(pose).transform(self.points(first + k)) for k, pose in enumerate(poses)]
+        here, found, parts = Pose2D(*self.poses[last].tolist()), np.empty((2, self.ranges.shape[1]), np.float32), []
+        for ranges, pose in zip(self.ranges[first : last + 1], self.poses[first : last + 1].tolist()):
+            count = project_hits(ranges, self._geometry, found)
+            parts.append(here.between(Pose2D(*pose)).transform(found[:, :count].T))
         points = np.concatenate(parts).astype(np.float32)
         points = points[(points**2).sum(axis=1) < max_range**2]
         cells = np.floor(points / POINT_CELL).astype(np.int64)
@@ -115,7 +102,13 @@ class KeyScanSlam(Estimator, ABC):
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
-        """Restart at a known pose, map frame, with a new map, or with a given shared map."""
+        """Restart at a known pose, map frame, with a new map, or with a given shared map.
+
+        Raises:
+            ValueError: if a map is given, but the SLAM cannot share maps.
+        """
+        if map is not None and not self.shares_maps:
+            raise ValueError(f"{type(self).__name__} cannot continue a given map")
         self.rng, self.slip = rng, 0.0
         self.map = self.make_map() if map is None else map
         if self.meets_people and isinstance(self.map, LogOddsMap):

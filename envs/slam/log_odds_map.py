@@ -129,13 +129,10 @@ def integrate_scans(words, levels, sums, ranges, poses, geometry, corner, model,
     return num_new, num_changed
 
 
-@njit(cache=True, error_model="numpy")
-def forget_stamps(words):
-    """Replace all scan numbers in packed map cells by 1, to reuse numbers from 2."""
-    flat = words.ravel()
-    for k in range(flat.shape[0]):
-        if flat[k] & MAX_STAMP:
-            flat[k] = (flat[k] >> STAMP_BITS << STAMP_BITS) | 1
+def forget_stamps(words: np.ndarray) -> None:
+    """Replace all scan numbers in packed map cells, int32, by 1, to reuse numbers from 2."""
+    for row in words:  # temporary arrays of large maps would need much memory
+        np.copyto(row, row & ~MAX_STAMP | 1, where=row & MAX_STAMP > 0)
 
 
 class LogOddsMap(GrowingMap):

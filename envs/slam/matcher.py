@@ -1,6 +1,6 @@
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -9,8 +9,7 @@ from lidarnaut.envs.estimation.scan_points import project_hits
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.lookup import load
 
-from .grid_map import COUNT_BITS, unvisited_word
-from .slam_params import TinySlamParams
+from .grid_map import COUNT_BITS
 
 
 class SearchParams(NamedTuple):
@@ -43,52 +42,26 @@ Tested = tuple[Pose2D, float]
 
 
 class MatcherObserver(Protocol):
-    """Observer of the poses tested in scan matching, map frame [m, m, rad].
+    """Function that receives the poses tested in scan matching, map frame [m, m, rad], after each search.
 
     TinySLAM reports sampled poses, Hector and graph SLAM Gauss-Newton steps on the finest map, GMapping the matched
     poses of its particles. Cost is the number of scan points minus the sum of map occupancies at the points; TinySLAM
     adds the prior penalty.
     """
 
-    def on_matching_start(self, pose: Pose2D) -> None:
-        """Called with the predicted pose before scan matching."""
-        ...
-
-    def on_scan_test(self, pose: Pose2D, cost: float) -> None:
-        """Called for every tested pose."""
-        ...
-
-    def on_pose_update(self, pose: Pose2D, cost: float) -> None:
-        """Called when a tested pose is the best so far."""
-        ...
-
-    def on_matching_end(self, pose: Pose2D, cost: float) -> None:
-        """Called with the best pose after scan matching."""
-        ...
+    def __call__(self, predicted: Pose2D, tested: Sequence[Tested], result: Tested) -> None:
+        """Receive the predicted pose, the tested poses in order, and the resulting one, each with its cost."""
 
 
 class MatcherTrace:
     """Observer that keeps the poses tested for the last scan; pictures show them."""
 
     def __init__(self) -> None:
-        self.tested: list[tuple[float, float, float, float]] = []
+        self.tested: list[tuple[float, ...]] = []
         """Poses x, y, heading, map frame [m, m, rad], and their costs."""
 
-    def on_matching_start(self, pose: Pose2D) -> None:
-        self.tested.clear()
-
-    def on_scan_test(self, pose: Pose2D, cost: float) -> None:
-        self.tested.append((*pose, cost))
-
-    def on_pose_update(self, pose: Pose2D, cost: float) -> None: ...
-
-    on_matching_end = on_pose_update
-
-
-def search_params(params: TinySlamParams) -> SearchParams:
-    """Convert TinySLAM parameters to scan-matching parameters in map cells."""
-    spread, limits = (params.sigma_xy / params.resolution, params.sigma_theta), (params.max_failed, params.max_tries)
-    return SearchParams(*spread, *limits, unvisited_word(params.unvisited))
+    def __call__(self, predicted: Pose2D, tested: Sequence[Tested], result: Tested) -> None:
+        self.tested = [(*pose, cost) for pose, cost in tested]
 
 
 @njit(cache=True, error_model="numpy")
@@ -125,13 +98,6 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
 
 
 @njit(cache=True, error_model="numpy")
-def penalty(params, pose, x, y, theta):
-    """Return the score penalty of a tested pose, which grows with the squared distance from the predicted pose."""
-    dx, dy, turn = x - pose[0], y - pose[1], theta - pose[2]
-    return round(params.position_penalty * (dx * dx + dy * dy) + params.heading_penalty * turn * turn)
-
-
-@njit(cache=True, error_model="numpy")
 def match(words, points, num_points, pose, params, noise, trace):
     """Find the best pose of a scan in a map by random sampling around the best pose so far.
 
@@ -149,7 +115,8 @@ def match(words, points, num_points, pose, params, noise, trace):
         x, y = best_x + sigma_xy * noise[tried, 0], best_y + sigma_xy * noise[tried, 1]
         theta = best_theta + sigma_theta * noise[tried, 2]
         total = score(words, params.unvisited, points, num_points, x, y, theta, indices)
-        total -= penalty(params, pose, x, y, theta)
+        dx, dy, turn = x - pose[0], y - pose[1], theta - pose[2]
+        total -= round(params.position_penalty * (dx * dx + dy * dy) + params.heading_penalty * turn * turn)
         tried += 1
         is_better = total > best
         trace[tried, 0], trace[tried, 1], trace[tried, 2], trace[tried, 3] = x, y, theta, total
@@ -178,19 +145,3 @@ def match_scan(ranges, geometry, words, corner, pose, params, noise, points, tra
         return (pose[0], pose[1], pose[2]), found.tried, False, count
     x, y = (found.x + corner[0]) * resolution, (found.y + corner[1]) * resolution
     return (x, y, wrap_angle(found.theta)), found.tried, True, count
-
-
-def notify(observers: Sequence[Any], predicted: Pose2D, tested: Sequence[Tested], result: Tested | None = None) -> None:
-    """Report tested poses of a finished search to observers; `result`: None for the pose with the lowest cost."""
-    best = tested[0]
-    for observer in observers:
-        observer.on_matching_start(predicted)
-    for one in tested:
-        is_better = one[1] < best[1]
-        best = one if is_better else best
-        for observer in observers:
-            observer.on_scan_test(*one)
-            if is_better:
-                observer.on_pose_update(*one)
-    for observer in observers:
-        observer.on_matching_end(*(result or best))

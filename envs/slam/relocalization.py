@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarnaut.envs.estimation.scan_points import ScanGeometry
-from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import ORIGIN, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.occupancy_grid import blocks_of
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
@@ -252,10 +253,8 @@ class _Fit(NamedTuple):
 
 def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResult]:
     block = max(1, round(COARSE_CELL / field.resolution))
-    height, width = field.occupancy.shape
-    padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)
-    rows, cols = padded.shape[0] // block, padded.shape[1] // block
-    coarse = np.ascontiguousarray(padded.reshape(rows, block, cols, block).max(axis=(1, 3)))
+    coarse = blocks_of(field.occupancy, block, UNKNOWN).max(axis=2)
+    rows, cols = coarse.shape
     side = block * field.resolution
     reach = 0.5 * max(rows, cols) * side
     pyramid = build_pyramid(Field(coarse, field.x, field.y, side), NUM_LEVELS, reach)

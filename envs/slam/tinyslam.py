@@ -1,5 +1,3 @@
-from collections.abc import Sequence
-
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief
@@ -8,9 +6,9 @@ from lidarnaut.envs.geometry import ORIGIN, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
-from .grid_map import FULL_OCCUPANCY, GridMap
+from .grid_map import FULL_OCCUPANCY, GridMap, unvisited_word
 from .key_scans import KeyScanSlam
-from .matcher import MatcherObserver, SearchParams, match_scan, notify, search_params
+from .matcher import SearchParams, match_scan
 from .matching.correlative import CorrelativeWindow, search_window
 from .matching.covariance import NoiseRecord, motion_stds
 from .matching.gauss_newton import known_score_at
@@ -50,9 +48,9 @@ class TinySlam(KeyScanSlam):
     params: TinySlamParams
     map: GridMap
 
-    def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
-        self.observers = tuple(observers)
-        self._search = search_params(params)
+    def __init__(self, lidar: LidarParams, params: TinySlamParams) -> None:
+        limits = params.max_failed, params.max_tries, unvisited_word(params.unvisited)
+        self._search = SearchParams(params.sigma_xy / params.resolution, params.sigma_theta, *limits)
         self._wide_search = self._search._replace(
             sigma_xy=WIDE_SPREAD[0] / params.resolution, sigma_theta=WIDE_SPREAD[1]
         )
@@ -116,7 +114,9 @@ class TinySlam(KeyScanSlam):
             rows, to_metres = self._trace[: num_tried + 1].tolist(), self.map.to_metres
             poses = [start, *(Pose2D(*to_metres(x, y), wrap_angle(theta)) for x, y, theta, _, _ in rows[1:])]
             costs = [num_hits - row[3] / FULL_OCCUPANCY for row in rows]
-            notify(self.observers, start, list(zip(poses, costs)))
+            tested = list(zip(poses, costs))
+            for observer in self.observers:
+                observer(start, tested, min(tested, key=lambda one: one[1]))
         return Pose2D(*pose) if is_better else start
 
     def _search_window(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:

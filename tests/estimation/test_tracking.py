@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.estimation import tracking as at
+from lidarnaut.envs.estimation.scan_points import ScanGeometry, are_on_bodies, scan_ends
 from lidarnaut.envs.estimation.tracking import SENSITIVE_TRACKER, PeopleTracker, TrackerParams
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import LidarParams, Mount
@@ -184,11 +185,10 @@ def test_beams_on_people_are_told_from_beams_on_walls():
     right = wrong = beams = 0
     for time, pose, _, people, ranges in drive(tracker, walks(3, rng), 20.0, rng):
         truth = (gaps_between(ends_of(pose, ranges), people) < 0.3).any(axis=1) & (ranges < 7.0)
-        mask = tracker.is_on_person(ranges)
-        not_standing = tracker.is_on_person(ranges, include=at.NOT_STANDING)
-        large_enough = tracker.is_on_person(ranges, include=at.LARGE_ENOUGH)
-        assert not (mask & ~not_standing).any()
-        assert not (not_standing & ~large_enough).any()
+        mask = are_on_bodies(scan_ends(ranges, ScanGeometry.of(LIDAR)), tracker.people, 0.1)
+        moving, all_bodies = (tracker.is_on_person(ranges, standing=standing) for standing in (False, True))
+        assert not (mask & ~moving).any()
+        assert not (moving & ~all_bodies).any()
         if time > 4.0:
             right, wrong, beams = right + (mask & truth).sum(), wrong + (mask & ~truth).sum(), beams + truth.sum()
     assert right > 0.85 * beams
@@ -251,4 +251,4 @@ def test_a_copy_goes_on_alike_and_a_reset_forgets():
     np.testing.assert_array_equal(twin.update(ranges, Pose2D(0.1, 0.0, 0.1)), first)
     tracker.reset()
     assert tracker.people.shape == (0, 5)
-    assert not tracker.is_on_person(ranges).any()
+    assert not tracker.is_on_person(ranges, standing=True).any()

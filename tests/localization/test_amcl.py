@@ -107,7 +107,7 @@ def test_tracking(sensor):
     assert estimate.is_lost is False
     assert np.linalg.eigvalsh(estimate.covariance)[0] >= 0
     assert amcl.particles.shape == (amcl.num_particles, 3)
-    assert amcl.weights.sum() == pytest.approx(1.0)
+    assert amcl._weights.sum() == pytest.approx(1.0)
 
 
 def test_global_localization_and_the_cloud_shrinks():
@@ -177,7 +177,7 @@ def test_it_does_not_matter_where_the_map_lies(params, is_known):
             belief = amcl.update(see(pose), motion)
             rows.append((belief.pose.x - x, belief.pose.y - y, belief.pose.theta, belief.is_lost))
         found.append(rows)
-        mean = np.average(amcl.particles[:, :2], axis=0, weights=amcl.weights)
+        mean = np.average(amcl.particles[:, :2], axis=0, weights=amcl._weights)
         assert amcl.particles.dtype == np.float64
         assert np.abs(mean - belief.pose[:2]).max() < (0.1 if is_known else 5.0)
     np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0.0, atol=1e-6)
@@ -241,7 +241,7 @@ def test_resample_interval_keeps_weights_in_between():
     for pose, motion in circle(40):
         amcl.update(see(pose), motion)
         if amcl.is_corrected:
-            resampled.append(bool(np.ptp(amcl.weights) < 1e-12))
+            resampled.append(bool(np.ptp(amcl._weights) < 1e-12))
     assert resampled[:9] == [False, False, True] * 3
 
 
@@ -261,7 +261,7 @@ def test_beams_that_say_nothing(sensor):
     estimate = amcl.update(reading, Pose2D(0.2, 0.0, 0.0))
     assert np.isfinite(estimate.covariance).all()
     assert estimate.covariance[0, 0] < 0.1
-    assert np.isfinite(amcl.weights).all()
+    assert np.isfinite(amcl._weights).all()
 
 
 def test_a_covariance_turns_the_cloud():

@@ -10,6 +10,7 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.navigation import FEATURES, NUM_SECTORS, FrontierNavigator, PlanningParams
 from lidarnaut.envs.navigation.controllers.navigator_kernels import SPIN_RATE
 from lidarnaut.envs.navigation.frontiers.frontier_navigator import RETRY_RADIUS, STILL_TIME
+from lidarnaut.envs.navigation.frontiers.frontiers import frontier_mask
 from tests.baselines.maps import reading_of
 from tests.navigation.driving import moved
 from tests.rooms import BURGER
@@ -82,7 +83,7 @@ def test_candidates_are_the_frontiers_by_the_cost_of_their_paths():
     field = navigation.travel_field(navigation.make_costmap(navigator.map.grid, params), (2.7, 1.0))
     np.testing.assert_allclose(found["cost"], field.cost(navigator.map.grid.cells(found["viewpoint"])))
     cells = navigator.map.grid.cells(found["frontier"])
-    assert navigation.frontier_mask(navigator.map.grid)[cells[:, 0], cells[:, 1]].all()
+    assert frontier_mask(navigator.map.grid)[cells[:, 0], cells[:, 1]].all()
     assert (found["visible"] > 0.0).all()
     assert (found["unknown"] > 0.0).all()
     assert len(offered(data, 2.7, 1.0, max_candidates=1).candidates) == 1

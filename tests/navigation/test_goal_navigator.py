@@ -343,7 +343,7 @@ def test_reactive_driving_covers_ground_without_contact(seed):
         Navigator(env.robot_params, 0.1),
         ReactiveDriver(env.robot_params, 0.1, np.random.default_rng(seed)),
     )
-    navigator.reset(env.reading)
+    navigator.sense(env.reading)
     positions = []
     for _ in range(300):
         _, _, _, _, info = env.step(to_action(driver.command(navigator.obstacles), env.robot_params))

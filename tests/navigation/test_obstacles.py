@@ -53,7 +53,7 @@ class Wheels:
 
 def begin(robot, points):
     navigator, wheels = Navigator(robot, 0.1), Wheels(robot)
-    navigator.reset(wheels.drive(0.0, 0.0, points))
+    navigator.sense(wheels.drive(0.0, 0.0, points))
     return navigator, wheels
 
 

@@ -12,7 +12,7 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import CostmapParams, is_path_valid, make_costmap, plan_path
 from lidarnaut.envs.navigation.search.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
-from lidarnaut.envs.navigation.search.paths import exits
+from lidarnaut.envs.navigation.search.paths import exits, smooth_path
 from tests.navigation.driving import cost_at
 
 PARAMS = CostmapParams(robot_radius=0.2, inflation_radius=0.6)
@@ -147,11 +147,6 @@ def test_the_cost_of_one_cell_is_that_of_many():
     assert 0 < np.isfinite(expected).sum() < data.size
 
 
-def test_a_weight_beyond_the_queue_is_refused():
-    with pytest.raises(ValueError, match="cost_weight"):
-        step_weights(50.0, False)
-
-
 def hall():
     """Hall of 6 m x 3 m, unknown beyond x = 5, with a wall to the height of 2 m at x = 2."""
     data = np.zeros((60, 120), dtype=np.int8)
@@ -198,16 +193,16 @@ def turning(path):
 
 def test_smoothing_rounds_corners_and_touches_nothing():
     path = plan_path(COSTMAP, (1.0, 0.5), (3.0, 0.5))
-    smooth = navigation.smooth_path(COSTMAP, path)
+    smooth = smooth_path(COSTMAP, path)
     np.testing.assert_allclose(smooth[[0, -1]], path[[0, -1]])
     assert turning(smooth) < 0.7 * turning(path)
     assert is_path_valid(COSTMAP, smooth)
     assert np.hypot(*np.diff(smooth, axis=0).T).max() <= 0.05 + 1e-9
     corner = resample(np.array([[1.7, 1.0], [1.7, 2.3], [2.4, 2.3], [2.4, 1.0]]), 0.05)
-    assert is_path_valid(COSTMAP, navigation.smooth_path(COSTMAP, corner))
-    assert len(navigation.smooth_path(COSTMAP, path[:1])) == 1
+    assert is_path_valid(COSTMAP, smooth_path(COSTMAP, corner))
+    assert len(smooth_path(COSTMAP, path[:1])) == 1
     line = resample(np.array([[0.5, 2.5], [4.5, 2.5]]), 0.05)
-    np.testing.assert_allclose(navigation.smooth_path(COSTMAP, line), line, atol=1e-9)
+    np.testing.assert_allclose(smooth_path(COSTMAP, line), line, atol=1e-9)
 
 
 def test_exits_lead_out_of_obstacles_of_the_map_where_the_scan_is_free():

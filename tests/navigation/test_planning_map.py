@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
-from lidarnaut.envs.navigation import PlanningMap, PlanningParams, frontier_mask, make_costmap
+from lidarnaut.envs.navigation import PlanningMap, PlanningParams, make_costmap
 from lidarnaut.envs.navigation.frontiers import frontiers
-from lidarnaut.envs.navigation.frontiers.frontiers import TILE
+from lidarnaut.envs.navigation.frontiers.frontiers import TILE, frontier_mask
 from lidarnaut.envs.navigation.maps.planning_kernels import mark
 from lidarnaut.envs.robots import LidarParams, load_robot
 from tests.navigation.driving import cost_at

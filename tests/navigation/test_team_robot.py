@@ -36,4 +36,3 @@ def test_beside_a_path_counts_as_far_as_one_surveys_ahead():
     assert is_beside((2.0, 0.2), path, 0.3)
     assert not is_beside((2.0, 0.2), path, 0.3, reach=1.5)
     assert not is_beside((2.0, 0.4), path, 0.3)
-    assert not is_beside((0.0, 0.0), path[:0], 0.3)

@@ -7,7 +7,7 @@ import pytest
 from lidarnaut.envs.geometry import UNKNOWN, Pose2D
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam import TinySlamParams
-from lidarnaut.envs.slam.grid_map import FULL_OCCUPANCY, MAX_COUNT, GridMap, observe, probabilities
+from lidarnaut.envs.slam.grid_map import COUNT_BITS, FULL_OCCUPANCY, MAX_COUNT, GridMap, observe
 from lidarnaut.envs.slam.growing_map import MAX_CELLS
 
 from .reference import LIDAR, ReferenceMap, check_changed_cells, random_scan
@@ -50,7 +50,7 @@ def test_map_matches_the_slow_reference(changes):
         assert known == set(reference.cells)
     assert grid_map.words.shape > (30, 10)  # the map has grown
     rows, cols = (np.array(list(reference.cells)) - corner[::-1]).T
-    values = probabilities(grid_map.words)
+    values = (grid_map.words >> COUNT_BITS) / FULL_OCCUPANCY
     np.testing.assert_allclose(values[rows, cols], [value for value, _ in reference.cells.values()], atol=2e-4)
     np.testing.assert_array_equal((grid_map.words & MAX_COUNT)[rows, cols], [n for _, n in reference.cells.values()])
     percent = np.full(values.shape, UNKNOWN)

@@ -41,17 +41,14 @@ class DwbPlanner(LocalPlanner):
         # As in Nav2, a step costs half a cell's side. `Oscillation` only rejects twists.
         steps = np.array(scales) * 0.5 * resolution
         self._scales = np.array([params.rotate_to_goal_scale, 1.0, params.base_obstacle_scale, *steps])
-        self._rasters = np.empty((3, 2 * half + 1, 2 * half + 1), dtype=np.int32)
+        self._side = 2 * half + 1
+        self._rasters = np.empty((3, self._side, self._side), dtype=np.int32)
         # Signs of the last nonzero speeds, and banned signs, 0 for none.
         self._signs, self._banned = np.zeros(2), np.zeros(2)
         self._turned_at: Pose2D | None = None
         self._heading: float | None = None
         self._tolerance = params.xy_goal_tolerance
         self._has_no_path = False
-
-    @property
-    def _side(self) -> int:
-        return self._rasters.shape[1]
 
     def set_path(self, path: np.ndarray, heading: float | None = None, tolerance: float = math.inf) -> None:
         """Set the path, shape (n, 2), map frame [m], and the goal heading [rad], None for any.

@@ -206,14 +206,10 @@ class MppiPlanner(LocalPlanner):
         if costs[:2].min() >= COLLISION_COST:
             self._mean = np.zeros_like(mean)
         v, w = self._mean[0].tolist()
-        v, w = self._slow_down(v, w, obstacles)
+        share = stoppable_share(obstacles, v, w, p.radius, p.braking * p.max_acc_v, p.period)
+        v, w = share * v, share * w
         self.blocked = abs(v) < 0.05 * p.max_v and abs(w) < 0.1 and float(along[-1]) > p.radius
         return Twist(v, w)
-
-    def _slow_down(self, v: float, w: float, obstacles: np.ndarray) -> tuple[float, float]:
-        p = self._numbers
-        share = stoppable_share(obstacles, v, w, p.radius, p.braking * p.max_acc_v, p.period)
-        return share * v, share * w
 
     def _look(self, obstacles: np.ndarray) -> np.ndarray:
         points = without_bodies(obstacles, self.tracks)

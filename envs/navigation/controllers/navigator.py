@@ -2,7 +2,6 @@
 
 Example:
     navigator = Navigator(robot, control_period)
-    navigator.reset(reading)
     navigator.drive_to(path)                       # shape (n, 2), map frame [m]
     while navigator.update(reading, belief.pose) in (DRIVING, REPLAN):
         reading = drive(navigator.command(belief.pose))
@@ -60,7 +59,6 @@ class Navigator:
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
         self._geometry = ScanGeometry.of(robot.lidar)
-        self._odometry = ORIGIN
         self._records = np.zeros(1, dtype=NAVIGATOR)
         self._obstacles = np.empty((MAX_REMEMBERED + BUMP_POINTS + robot.lidar.num_beams + MAX_OTHERS, 2))
         self._path = NO_POINTS
@@ -68,15 +66,16 @@ class Navigator:
         self.velocity = Twist(0.0, 0.0)
         self.motion = ORIGIN
         """Relative pose of the robot between its last two sensor readings, by odometry."""
+        self.reset()
 
-    def reset(self, reading: Reading) -> None:
+    def reset(self) -> None:
+        """Forget path, obstacles and the last reading, as at the start of an episode."""
+        self._odometry: Pose2D | None = None
         records = self._records
         records[:] = 0
         records["side"] = 1.0
         records["stall_steps"] = records["stuck_steps"] = -1
         records["forward"] = 1
-        self._odometry = reading.odometry
-        self.sense(reading)
 
     @property
     def record(self) -> Any:
@@ -185,7 +184,7 @@ class Navigator:
 
         `others`: further obstacle points, such as other robots, shape (m, 2), float64, base frame [m].
         """
-        self.motion = motion = reading.motion_since(self._odometry)
+        self.motion = motion = reading.motion_since(self._odometry or reading.odometry)
         self._odometry = reading.odometry
         self.velocity = Twist(motion.x / self._period, motion.theta / self._period)
         state, sensors = (self._records, self._obstacles), (reading.ranges, self._geometry, reading.bumper)

@@ -63,13 +63,17 @@ class FrontierNavigator:
         self.navigator = Navigator(robot, control_period, params, max_time=max_time)
         self.robot, self.params, self._planning_params = robot, params, planning
         self._max_candidates = max_candidates if max_candidates is not None else 1 << 30
+        self._min_steps = max(1, round(params.min_time / control_period))
+        self._look_radius = min(FAILURE_RADIUS * robot.radius, MAX_FAILURE_RADIUS)
         self.bodies = NO_POINTS
         """Obstacle points missing from the map, such as other robots, shape (n, 2), float64, base frame [m]."""
 
     def begin(self, reading: Reading, belief: Belief) -> None:
         """Begin an episode and find the first reachable frontiers."""
         self.map = PlanningMap(self.robot, belief.grid.resolution, self._planning_params)
-        self.navigator.reset(reading)
+        self._lengths = tuple(max(1, round(length / self.map.side)) for length in self._planning_params.min_lengths)
+        self.navigator.reset()
+        self.navigator.sense(reading)
         self._level = 0
         self._memory, self._people = FrontierMemory(), PeopleNearby()
         self._position, self._now, self._there_since = (math.inf, math.inf), 0.0, 0.0
@@ -93,18 +97,6 @@ class FrontierNavigator:
     def failures(self) -> np.ndarray:
         """Frontiers of failed drives, shape (n, 2), map frame [m]."""
         return self._memory.failures
-
-    @property
-    def _look_radius(self) -> float:
-        return min(FAILURE_RADIUS * self.robot.radius, MAX_FAILURE_RADIUS)
-
-    @property
-    def _min_steps(self) -> int:
-        return max(1, round(self.params.min_time / float(self.navigator.numbers["period"])))
-
-    @property
-    def _lengths(self) -> tuple[int, ...]:
-        return tuple(max(1, round(length / self.map.side)) for length in self.map.params.min_lengths)
 
     @property
     def end_reason(self) -> str:

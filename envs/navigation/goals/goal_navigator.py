@@ -312,11 +312,11 @@ class GoalNavigator(Explorer):
         if reading.time < self._time:
             times = f"the reading is at {reading.time:.2f} s, the previous reading at {self._time:.2f} s"
             raise ValueError(f"time went backwards: {times}; call reset for a new episode")
-        is_first, self._time = math.isinf(self._time), reading.time
+        self._time = reading.time
         self._clock.steps += 1
-        if self._attempt.has_path and self.is_driving and not is_first:
+        if self._attempt.has_path and self.is_driving:
             return self._navigator.update(reading, pose) == FAILED
-        (self._navigator.reset if is_first else self._navigator.sense)(reading)
+        self._navigator.sense(reading)
         return False
 
     def _is_due(self, period: float) -> bool:

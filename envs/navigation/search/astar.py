@@ -34,7 +34,6 @@ BUCKET_SHIFT = 8
 """Right shift from a path cost to its bucket in Dijkstra's queue. A bucket is narrower than any step (Dinic 1978)."""
 NUM_COARSE_BUCKETS = 1 << 7
 """Number of buckets in Dijkstra's queue: enough for the longest step, few enough for the L1 cache."""
-MAX_COST_WEIGHT = 9.0
 ESCAPE_WEIGHT = 10.0
 """Additional weight of cells in collision relative to free cells, for paths that start in collision."""
 
@@ -44,8 +43,6 @@ def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
 
     `cost_weight`: relative extra cost, 0 to 9, of traversable cells next to obstacles.
     """
-    if not 0 <= cost_weight <= MAX_COST_WEIGHT:
-        raise ValueError(f"cost_weight must lie in [0, {MAX_COST_WEIGHT}], got {cost_weight}")
     weights = np.zeros(256, dtype=np.uint8)
     costs = np.arange(COST_MAX_FREE + 1)
     weights[: COST_MAX_FREE + 1] = np.rint(SCALE * (1.0 + cost_weight * costs / COST_MAX_FREE))

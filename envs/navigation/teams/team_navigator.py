@@ -28,13 +28,13 @@ PEER_CLEARANCE = 0.05
 PREDICTION_TIME = 0.5
 
 
-def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray, overlap: float = OVERLAP) -> None:
+def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray) -> None:
     """Reduce the unknown area in view (`visible`) of candidates near another robot's frontier, in place.
 
-    Within `overlap` [m] of `frontier` (x, y), map frame, area is multiplied by distance divided by `overlap` (after
+    Within `OVERLAP` of `frontier` (x, y), map frame, area is multiplied by distance divided by `OVERLAP` (after
     Burgard, Moors, Stachniss, Schneider, "Coordinated multi-robot exploration", 2005).
     """
-    candidates["visible"][:] *= np.minimum(np.hypot(*(candidates["frontier"] - frontier).T) / overlap, 1.0)
+    candidates["visible"][:] *= np.minimum(np.hypot(*(candidates["frontier"] - frontier).T) / OVERLAP, 1.0)
 
 
 class TeamNavigator:

@@ -37,9 +37,7 @@ def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
 
 
 def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach: float = math.inf) -> bool:
-    """Return True if a position is within `gap` [m] of the first `reach` metres of a path, shape (n, 2)."""
-    if len(path) == 0:
-        return False
+    """Return True if a position is within `gap` [m] of the first `reach` metres of a path, shape (n, 2), n > 0."""
     return bool(np.hypot(*(path[lengths_along(path) <= reach] - position).T).min() < gap)
 
 
@@ -84,7 +82,7 @@ class TeamRobot(FrontierNavigator):
         planning."""
         self.outcome: str | None = None
         self._patience, self._radius, self._period = patience, robot.radius, control_period
-        self._has_begun = self._has_looked_around = self._keeps_clocks = False
+        self._has_looked_around = self._keeps_clocks = False
         self._idle_steps = self._pause_steps = self._wait_steps = 0
 
     @property
@@ -107,7 +105,7 @@ class TeamRobot(FrontierNavigator):
     def is_idle(self) -> bool:
         """True while the robot does not drive, recover or yield."""
         is_busy = self.navigator.has_goal or self.navigator.is_recovering or self.yielding_to is not None
-        return self._has_begun and not is_busy
+        return self.candidates is not None and not is_busy
 
     def advance(self, reading: Reading, belief: Belief, *, is_asked: bool) -> bool:
         """Process a sensor reading; return True if the robot needs a new frontier.
@@ -118,8 +116,7 @@ class TeamRobot(FrontierNavigator):
         self._pause_steps -= 1
         self._keeps_clocks = False
         others = np.concatenate([self.bodies, self.passing])
-        if not self._has_begun:
-            self._has_begun = True
+        if self.candidates is None:
             self.begin(reading, belief)
             return True
         if self.yielding_to is not None:
@@ -137,7 +134,7 @@ class TeamRobot(FrontierNavigator):
 
     def learn(self, belief: Belief) -> None:
         """Update the planning map with changes by another robot's scan."""
-        if self._has_begun:
+        if self.candidates is not None:
             self.integrate(belief)
 
     def refresh(self, reading: Reading, belief: Belief) -> None:

@@ -9,8 +9,7 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
 
-from ..key_scans import Anchor, KeyScanSlam
-from ..matcher import notify
+from ..key_scans import KeyScanSlam
 from ..matching.correlative import CorrelativeWindow, search_window
 from ..matching.covariance import motion_stds, position_std
 from ..matching.fields import LEAST_MAP_SHARE, fits_map
@@ -71,13 +70,6 @@ class GMapping(KeyScanSlam):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: None = None) -> Belief:
-        """Restart at a known pose with an unknown map.
-
-        Raises:
-            ValueError: if a map is given.
-        """
-        if map is not None:
-            raise ValueError("gmapping has a map for each particle, and cannot continue a given map")
         count = self.params.num_particles
         self.poses = np.tile(np.array(pose, dtype=np.float64), (count, 1))
         """Particle poses at the last matched scan, shape (num_particles, 3), map frame [m, m, rad]."""
@@ -92,7 +84,7 @@ class GMapping(KeyScanSlam):
         self._fits = np.ones(count, dtype=np.bool_)
         self._monitor.reset()
         self._is_switched = False
-        return super().reset(rng, pose)
+        return super().reset(rng, pose, map)
 
     def finish(self) -> None:
         """Write the best particle's trajectory, one pose per matched scan, to `belief.path`."""
@@ -102,11 +94,11 @@ class GMapping(KeyScanSlam):
         self.belief.path = self._poses.rows[np.arange(len(particles)), particles]
 
     @property
-    def anchor(self) -> Anchor | None:
+    def anchor(self) -> tuple[int, Pose2D] | None:
         """Robot pose relative to the last matched scan; None before the first."""
         if self.last_key_pose is None:
             return None
-        return Anchor(len(self._poses) - 1, self.last_key_pose.between(self.belief.pose))
+        return len(self._poses) - 1, self.last_key_pose.between(self.belief.pose)
 
     def make_map(self) -> ParticleMaps:
         return ParticleMaps(self.params, self._lidar)
@@ -165,7 +157,8 @@ class GMapping(KeyScanSlam):
             costs = num_points - found.num_known * found.known_scores
             tested = [(Pose2D(*mode), cost) for mode, cost in zip(found.modes.tolist(), costs.tolist())]
             predicted = Pose2D(*self.poses[self.best].tolist()).compose(motion)
-            notify(self.observers, predicted, tested, tested[self.best])
+            for observer in self.observers:
+                observer(predicted, tested, tested[self.best])
         return fits_map(self.map.grid, self._points[:, :num_points], found.modes[self.best].tolist(), LEAST_MAP_SHARE)
 
     def _move(self, motion: Pose2D, pose: Pose2D) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import NO_CELLS, MapUpdate
-from lidarnaut.envs.geometry import OCCUPIED_FROM, UNKNOWN, Window
+from lidarnaut.envs.geometry import OCCUPIED_FROM, Window
 from lidarnaut.envs.robots import LidarParams
 
 from ..growing_map import GrowingMap
@@ -12,18 +12,7 @@ from ..log_odds_map import MAX_STAMP, STAMP_BITS, LogOddsModel, forget_stamps, o
 from ..scans import SIDE_START, beam_ends, walk
 from ..slam_params import GMappingParams
 from .proposal import Maps
-from .tiles import (
-    EMPTY,
-    TILE,
-    TILE_BITS,
-    TileMap,
-    copy_maps,
-    enlarge_pool,
-    level_start,
-    make_pool,
-    own_tile,
-    unpack_level,
-)
+from .tiles import EMPTY, TILE, TILE_BITS, copy_maps, enlarge_pool, level_start, make_pool, own_tile
 
 FIRST_CAPACITY = 1024
 ROW_BITS = 32
@@ -141,11 +130,10 @@ class ParticleMaps(GrowingMap):
 
     def occupancy(self, particle: int, level: int = 0) -> np.ndarray:
         """Return a particle's map at one resolution, shape (height, width) / 2^level, int8 [percent]."""
-        maps = self.maps
-        out = np.full([size >> level for size in self.grid.data.shape], UNKNOWN, dtype=np.int8)
-        flat, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
-        unpack_level(TileMap(flat, cells, maps.slots[particle], maps.tiles_wide), level, out)
-        return out
+        start, side = level_start(level), TILE >> level
+        tiles = self._pool.occupancy[self._slots[particle], start : start + side * side]
+        by_row = tiles.reshape(*self._tiles, side, side).swapaxes(1, 2)
+        return by_row.reshape(self._tiles[0] * side, self._tiles[1] * side)
 
     def resample(self, parents: np.ndarray) -> None:
         """Replace each particle's map by a copy of its parent's map."""

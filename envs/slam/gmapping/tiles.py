@@ -143,17 +143,3 @@ def _neighbours_of_tiles(view, row, col):
     # Clamped at the border, where only the first cell is used.
     right, above = min(col + 1, view.width - 1), min(row + 1, view.height - 1)
     return corner, _cell_at(view, row, right), _cell_at(view, above, col), _cell_at(view, above, right)
-
-
-@njit(cache=True, error_model="numpy")
-def unpack_level(map, level, out):
-    """Write a tiled map at one resolution to `out`, shape (height, width), int8, initially -1 (unknown)."""
-    bits, start = TILE_BITS - level, level_start(level)
-    side = TILE >> level
-    for tile in range(map.slots.shape[0]):
-        if map.slots[tile] == EMPTY:
-            continue
-        row, col = tile // map.tiles_wide << bits, tile % map.tiles_wide << bits
-        first = map.slots[tile] * map.cells + start
-        for i in range(side):
-            out[row + i, col : col + side] = map.occupancy[first + i * side : first + (i + 1) * side]

@@ -9,7 +9,6 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam.hector import Hector
-from lidarnaut.envs.slam.key_scans import Anchor
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.fields import LEAST_MAP_SHARE, fits_map
 from lidarnaut.envs.slam.posegraph import PoseGraph, PoseGraphView, drop_outliers, optimise_step
@@ -46,13 +45,6 @@ class GraphSlam(Hector):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Restart at a known pose with an unknown map.
-
-        Raises:
-            ValueError: if a map is given.
-        """
-        if map is not None:
-            raise ValueError("graph SLAM cannot continue a given map: it renders maps from the scans of a pose graph")
         self.graph = PoseGraph()
         self.nodes = NodeStore(self._lidar)
         self.local = LocalSlam(self.params, self._lidar, self.nodes)
@@ -63,7 +55,7 @@ class GraphSlam(Hector):
         self._rendering: MapRendering | None = None
         self._loop_nodes = self._iterations = self._last_optimised = 0
         self._is_urgent = False
-        return super().reset(rng, pose)
+        return super().reset(rng, pose, map)
 
     @property
     def loop_closures(self) -> int:  # type: ignore[override]
@@ -77,13 +69,13 @@ class GraphSlam(Hector):
         return PoseGraphView(self.graph.arrays)
 
     @property
-    def anchor(self) -> Anchor | None:
+    def anchor(self) -> tuple[int, Pose2D] | None:
         """Robot pose relative to the newest graph node (scan in the map); None before the first."""
         if len(self.nodes) == 0:
             return None
         node = len(self.nodes) - 1
         pose = self._correction.compose(Pose2D(*self.nodes.poses[node].tolist()))
-        return Anchor(node, pose.between(self.belief.pose))
+        return node, pose.between(self.belief.pose)
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
         belief = super().process_key_scan(ranges, predicted)

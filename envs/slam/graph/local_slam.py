@@ -82,7 +82,7 @@ class LocalSlam:
     def relocate(self, pose: Pose2D) -> None:
         """Set the pose of a relocalized robot, local frame of scan matching; the next scan starts a new submap."""
         self.pose, self.active, self._maps, self._covariances = pose, [], {}, {}
-        self._nodes.break_off()
+        self._nodes.first_joined = len(self._nodes)
 
     def add_node(self, ranges: np.ndarray) -> int:
         """Add a scan at the current pose to all unfinished submaps; start and finish submaps when due."""

@@ -116,16 +116,10 @@ class LoopSearch:
 
     def add_candidates(self, node: int, num_finished: int) -> None:
         """Queue loop-closure searches between a node and nearby submaps. `num_finished`: number of finished submaps."""
-        for submap, window in self._candidates(node, num_finished - NUM_SKIPPED_SUBMAPS):
-            self._searched[submap] = node
-            self.queue.append((node, submap, window))
-
-    def _candidates(self, node: int, count: int) -> list[tuple[int, tuple[float, float]]]:
-        params, nodes = self._params, self._nodes
+        params, nodes, count = self._params, self._nodes, num_finished - NUM_SKIPPED_SUBMAPS
         if count <= 0:
-            return []
-        arrays = self._graph.arrays
-        home = nodes.home.rows
+            return
+        arrays, home = self._graph.arrays, nodes.home.rows
         lengths = path_lengths(arrays.constraints, home, nodes.travelled.rows, home[node])
         near = []
         distances = least_distances(arrays.nodes, nodes.spans.rows[:count], node)
@@ -136,7 +130,9 @@ class LoopSearch:
             window, least = window_size(float(lengths[submap]), params.linear_search_window), float(distances[submap])
             if least <= MAX_DISTANCE + 0.5 * window[0]:
                 near.append((least, submap, window))
-        return [(submap, window) for _, submap, window in sorted(near)[:MAX_CANDIDATES]]
+        for _, submap, window in sorted(near)[:MAX_CANDIDATES]:
+            self._searched[submap] = node
+            self.queue.append((node, submap, window))
 
     def match(self, node: int, submap: int, window: tuple[float, float]) -> Loop | None:
         """Match recent scans of a node to a submap; return the loop closure if accepted.

@@ -30,10 +30,8 @@ class NodeStore(KeyScans):
         """Index of the newest submap that contains each node."""
         self.travelled = GrowingArray((), np.float64, 32)
         """Distance travelled until the start of each submap [m]."""
-        self._first_joined = 0
-
-    def break_off(self) -> None:
-        self._first_joined = len(self)
+        self.first_joined = 0
+        """Index of the first node that is connected to later nodes by odometry."""
 
     def add_submap(self, travelled: float) -> int:
         """Start a submap at the next node; return the submap index. `travelled`: distance travelled so far [m]."""
@@ -65,7 +63,7 @@ class NodeStore(KeyScans):
 
         Limits: `count` scans connected by odometry, range `max_range` [m], and `max_points`.
         """
-        return self.joined_points(min(max(node - count + 1, self._first_joined, 0), node), node, max_range, max_points)
+        return self.joined_points(min(max(node - count + 1, self.first_joined, 0), node), node, max_range, max_points)
 
 
 class MapRendering:
@@ -97,9 +95,7 @@ class MapRendering:
 
 
 def any_pose_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:
-    """Return True if any pose, shape (n, 3) [m, m, rad], moved more than a distance [m] or angle [rad]."""
-    if len(before) == 0:
-        return False
+    """Return True if any pose, shape (n, 3), n > 0 [m, m, rad], moved more than a distance [m] or angle [rad]."""
     moved = after - before
     turned = np.abs(np.arctan2(np.sin(moved[:, 2]), np.cos(moved[:, 2])))
     return bool((moved[:, :2] ** 2).sum(axis=1).max() > max_distance**2 or turned.max() > max_angle)

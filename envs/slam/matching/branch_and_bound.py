@@ -38,8 +38,6 @@ class SearchResult(NamedTuple):
     score: float
     """Mean occupancy at the scan points, from 0 to 1."""
     evaluations: int
-    is_complete: bool
-    """False if the limit of scored nodes ended the search."""
 
 
 class Grid(NamedTuple):
@@ -64,10 +62,8 @@ class _Best(NamedTuple):
 def angle_step(points: np.ndarray, resolution: float) -> float:
     """Return the heading step [rad] that moves three quarters of the scan points by at most 1.5 cells.
 
-    `points`: shape (n, 2), float32, base frame [m].
+    `points`: shape (n, 2), n > 0, float32, base frame [m].
     """
-    if len(points) == 0:
-        return 0.03
     far = np.partition((points.astype(np.float64) ** 2).sum(axis=1), (3 * len(points)) // 4)[(3 * len(points)) // 4]
     return min(max(1.5 * resolution / max(math.sqrt(far), 1e-6), 0.006), 0.03)
 
@@ -76,12 +72,10 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 def discretise(pyramid, points, pose, window, shift):
     """Return the grid cell of each scan point at each tested heading around `pose`.
 
-    `shift` is subtracted from x and y [cells].
+    `shift` is subtracted from x and y [cells]. The window must not exceed the reach of the pyramid.
     """
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
-    if reach > pyramid.reach:
-        raise ValueError("the window is larger than the reach of the pyramid")
     height, width = pyramid.levels.shape[1], pyramid.levels.shape[2]
     n = points.shape[0]
     cells, counts = np.empty((2 * num_turns + 1, n), dtype=np.int32), np.zeros(2 * num_turns + 1, dtype=np.int64)
@@ -133,14 +127,14 @@ def _score_top(levels, width, grid, least, limit):
         for i in range(per_axis):
             for j in range(per_axis):
                 if evaluations == limit:
-                    return nodes[:0], evaluations, False
+                    return nodes[:0], evaluations
                 row, col = i * side - grid.reach, j * side - grid.reach
                 total = total_at(levels[top], grid, turn, row * width + col)
                 evaluations += 1
                 if total >= least:
                     nodes[count, 0], nodes[count, 1], nodes[count, 2], nodes[count, 3] = total, turn, row, col
                     count += 1
-    return nodes[:count], evaluations, True
+    return nodes[:count], evaluations
 
 
 @njit(cache=True, error_model="numpy")
@@ -164,7 +158,7 @@ def _descend(levels, width, grid, node, best, budget, excluded):
                 best = _Best(total, rank, turn, row, col)
             continue
         if evaluations + 4 > budget:
-            return best, evaluations, False
+            return best, budget
         first, half = count, 1 << (level - 1)
         for child in range(4):
             r, c = row + half * (child // 2), col + half * (child % 2)
@@ -181,7 +175,7 @@ def _descend(levels, width, grid, node, best, budget, excluded):
                 at -= 1
             stack[at, 0], stack[at, 1], stack[at, 2], stack[at, 3], stack[at, 4] = bound, turn, r, c, level - 1
             count += 1
-    return best, evaluations, True
+    return best, evaluations
 
 
 @njit(cache=True, error_model="numpy")
@@ -191,11 +185,9 @@ def _search_below(levels, width, grid, nodes, least, budget, excluded):
     for k in range(nodes.shape[0]):
         if nodes[k, 0] < best.total:
             break
-        best, scored, is_complete = _descend(levels, width, grid, nodes[k], best, budget - evaluations, excluded)
+        best, scored = _descend(levels, width, grid, nodes[k], best, budget - evaluations, excluded)
         evaluations += scored
-        if not is_complete:
-            return best, evaluations, False
-    return best, evaluations, True
+    return best, evaluations
 
 
 def search(
@@ -212,25 +204,20 @@ def search(
     Tested poses differ by one cell or `window.angle_step`. `points`: shape (n, 2), float32, base frame [m]. `pose`:
     centre of the window, frame of the grid; ties go to the nearest pose. `min_score`: minimum mean occupancy at the
     points, from 0 to 1. `max_evaluations`: maximum number of scored squares of poses. `excluded`: region to skip.
-
-    Raises:
-        ValueError: if the window exceeds the reach of the pyramid.
     """
     grid = discretise(pyramid, points, tuple(pose), window, 0.0)
     width, levels = pyramid.levels.shape[2], pyramid.levels.reshape(len(pyramid.levels), -1)
     least = max(math.ceil(min_score * FULL_PERCENT * len(points) - 1e-9), 1)
-    nodes, evaluations, is_complete = _score_top(levels, width, grid, least, max_evaluations)
-    if not is_complete:
-        return SearchResult(None, 0.0, evaluations, False)
+    nodes, evaluations = _score_top(levels, width, grid, least, max_evaluations)
     nodes = nodes[np.argsort(-nodes[:, 0], kind="stable")]
     x, y, theta, radius, angle = excluded
     center = (x - pose[0]) / pyramid.resolution, (y - pose[1]) / pyramid.resolution
     turn = wrap_angle(theta - pose[2]) / window.angle_step + grid.num_turns
     out = (*center, turn, radius / pyramid.resolution, angle / window.angle_step)
-    best, scored, is_complete = _search_below(levels, width, grid, nodes, least, max_evaluations - evaluations, out)
+    best, scored = _search_below(levels, width, grid, nodes, least, max_evaluations - evaluations, out)
     if best.rank == NO_RANK:
-        return SearchResult(None, 0.0, evaluations + scored, is_complete)
+        return SearchResult(None, 0.0, evaluations + scored)
     x, y = pose[0] + best.col * pyramid.resolution, pose[1] + best.row * pyramid.resolution
     theta = wrap_angle(pose[2] + (best.turn - grid.num_turns) * window.angle_step)
     score = best.total / (FULL_PERCENT * len(points))
-    return SearchResult(Pose2D(x, y, theta), score, evaluations + scored, is_complete)
+    return SearchResult(Pose2D(x, y, theta), score, evaluations + scored)

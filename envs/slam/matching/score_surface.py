@@ -45,10 +45,7 @@ def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_widt
 
     Shape (num_headings, num_rows, num_columns), float64. Maxima over 2 x 2 cells are used, because spaced positions
     could skip thin walls. `points`: shape (n, 2), float32, base frame [m]. `pose`: frame of the grid. `half_width`:
-    maximum offset [m].
-
-    Raises:
-        ValueError: if offsets exceed the reach of the pyramid.
+    maximum offset [m], at most the reach of the pyramid.
     """
     stride = max(round(STEP / pyramid.resolution), 1)
     reach = round(half_width / (stride * pyramid.resolution))

@@ -4,9 +4,11 @@ import pytest
 from lidarnaut import make_policy
 from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.baselines import FrontierParams, GainOverCostExplorer, RrtParams, TourParams
+from lidarnaut.baselines import RrtParams
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.baselines.frontier.rules import ExploreLite, NextBestViewParams
+from lidarnaut.baselines.frontier.rules import ExploreLite, GainOverCostExplorer, NextBestViewParams
+from lidarnaut.baselines.frontier.tour import TourParams
+from lidarnaut.baselines.frontier.utility import FrontierParams
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.navigation import GainOverCost

