@@ -31,11 +31,7 @@ class RayExecutor(Executor):
     """
 
     def __init__(self, address: str, named: Any = ()) -> None:
-        """Connect to a cluster.
-
-        Args:
-            address: `auto`, `HOST:PORT` or `ray://HOST:PORT`, as in `ray.init`.
-            named: configuration that names files to send.
+        """Connect to a cluster at `auto`, `HOST:PORT` or `ray://HOST:PORT`; `named`: configuration with files to send.
 
         Raises:
             ImportError: if Ray is not installed.

@@ -92,11 +92,6 @@ def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
     return {name: value for name, value in usual.items() if name in accepted} | arguments
 
 
-def columns_of(info: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Return the entries of `info` that are arrays with one value per sub-environment."""
-    return {name: value for name, value in info.items() if name[0] != "_" and isinstance(value, np.ndarray)}
-
-
 class GymnasiumVecEnv(VecEnv):
     """Adapter from a Gymnasium vector environment with same-step autoreset to stable-baselines3.
 
