@@ -1,7 +1,5 @@
 """Policy for PPO and A2C that selects one of 66 candidate twists."""
 
-from typing import Any
-
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.distributions import CategoricalDistribution
