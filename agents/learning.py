@@ -57,6 +57,8 @@ def run_training(
         config = prepared.config
         held.callback(torch.set_num_threads, torch.get_num_threads())  # `build_model` changes it
         model = build_model(prepared, env)
+        for name in config.evaluation.references:
+            evaluator.make_reference(name)  # Unknown names are found before the first step.
         references = {name: evaluator.mark(name) for name in config.evaluation.references}
         if checkpoint is None or source is None:
             run = held.enter_context(new_run(config, run))
