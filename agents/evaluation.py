@@ -10,12 +10,13 @@ from stable_baselines3.common.policies import BasePolicy
 from lidarnaut.agents.algorithms import Actor
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
 from lidarnaut.agents.curves import LEARNED, SCORES, TEST, VALIDATION, Row
+from lidarnaut.agents.infos import infos_of
 from lidarnaut.agents.policies import make_policy
-from lidarnaut.agents.vec_env import Observations, columns_of, make_env, make_vector
+from lidarnaut.agents.vec_env import Observations, make_env, make_vector
 from lidarnaut.baselines.episode import decide_with, prepare, run_episode
 from lidarnaut.baselines.policy import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
-from lidarnaut.envs.measures import EpisodeHistory, headline_of, measures_of
+from lidarnaut.envs.measures import EpisodeHistory, HistoryRecorder, headline_of, measures_of
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.worlds.library import Split
 
@@ -135,18 +136,16 @@ def run_episodes(
     """
     observations, info = vector.reset(seed=seed)
     limits = vector.call("time_limit")  # type: ignore[attr-defined]
-    names = [name for name, column in columns_of(info).items() if column.dtype.kind in "biuf"]
-    rows, histories = [{name: np.array(info[name], dtype=np.float64) for name in names}], dict[int, EpisodeHistory]()
+    recorders, histories = [HistoryRecorder() for _ in limits], dict[int, EpisodeHistory]()
+    for recorder, one in zip(recorders, infos_of(info, vector.num_envs), strict=True):
+        recorder.watch(one)
     starts = np.ones(vector.num_envs, dtype=np.bool_)
     while len(histories) < vector.num_envs:
         observations, _, terminated, truncated, info = vector.step(act(observations, starts))
-        rows.append({name: np.array(info.get(name, math.nan * rows[0][name]), dtype=np.float64) for name in names})
         starts = np.asarray(terminated) | np.asarray(truncated)
-        for i in np.flatnonzero(starts).tolist():
-            final = {name: column[i] for name, column in columns_of(info["final_info"]).items()}
-            for name in names:
-                rows[-1][name][i] = final.get(name, math.nan)
-            if i not in histories:
-                samples = {name: np.array([row[name][i] for row in rows]) for name in names}
-                histories[i] = EpisodeHistory(samples, final, float(limits[i]), max_speed)
+        infos, finals = (infos_of(one, vector.num_envs) for one in (info, info.get("final_info", {})))
+        for i in (i for i in range(vector.num_envs) if i not in histories):
+            recorders[i].watch(finals[i] if starts[i] else infos[i])
+            if starts[i]:
+                histories[i] = recorders[i].history(finals[i], float(limits[i]), max_speed)
     return [histories[i] for i in range(vector.num_envs)]

@@ -67,12 +67,7 @@ def main(
 
 
 def export_policy(policy: str | Path, out: str | Path, trust: Iterable[str] = ()) -> dict[str, Any]:
-    """Write a policy as ONNX and return the metadata of the file.
-
-    Args:
-        policy: folder of a run, a checkpoint or a policy, with or without the prefix `ppo:` or `learned:`.
-        out: file to write.
-        trust: modules, or names `module:attribute`, of your own code that the policy may import.
+    """Write a policy as ONNX and return the metadata of the file. Arguments are those of `main`.
 
     Raises:
         ImportError: if onnx or onnxruntime is missing.

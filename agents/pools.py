@@ -17,7 +17,7 @@ from typing import Any
 
 from lidarnaut.agents.trust import leaves
 from lidarnaut.envs.files import read_bytes, read_mapping
-from lidarnaut.envs.processes import start_worker, stop_workers
+from lidarnaut.envs.processes import start_worker
 
 CONNECT_LIMIT = 10.0
 """Timeout for connecting to a Ray cluster [s]."""
@@ -31,11 +31,7 @@ class RayExecutor(Executor):
     """
 
     def __init__(self, address: str, named: Any = ()) -> None:
-        """Connect to a cluster.
-
-        Args:
-            address: `auto`, `HOST:PORT` or `ray://HOST:PORT`, as in `ray.init`.
-            named: configuration that names files to send.
+        """Connect to a cluster at `auto`, `HOST:PORT` or `ray://HOST:PORT`; `named`: configuration with files to send.
 
         Raises:
             ImportError: if Ray is not installed.
@@ -150,6 +146,6 @@ def make_pool(num_workers: int | None, ray: str | None, named: Any = ()) -> Iter
         try:
             yield pool
         except BaseException:
-            if isinstance(pool, ProcessPoolExecutor):
-                stop_workers(pool)
+            for process in list((getattr(pool, "_processes", None) or {}).values()):
+                process.terminate()
             raise

@@ -31,11 +31,8 @@ Config = TrainingConfig | EvolutionConfig | Mapping[str, Any]
 def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) -> None:
     """Raise CheckpointError if a resumed run changes a configuration key that must stay fixed.
 
-    Args:
-        now: new configuration.
-        kind: kind of run: `training`, `evolution` or `sweep`.
-        run: folder of the run or checkpoint.
-        was: previous configuration; None reads it from `run`.
+    `kind`: `training`, `evolution` or `sweep`. `run`: folder of the run or checkpoint. `was`: previous configuration;
+    None reads it from `run`.
     """
     was = was or parse_config(read_mapping(run / "config.yaml"), str(run / "config.yaml"))
     old, new = (one if isinstance(one, Mapping) else one.model_dump(mode="json") for one in (was, now))

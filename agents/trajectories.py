@@ -1,12 +1,9 @@
 """Policy for PPO and A2C that selects one of 66 candidate twists."""
 
-from typing import Any
-
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.distributions import Distribution
+from stable_baselines3.common.distributions import CategoricalDistribution
 from torch import Tensor, nn
-from torch.distributions import Categorical
 from torch.nn import functional
 
 from lidarnaut.agents.networks import JointPolicy, Tensors
@@ -33,38 +30,25 @@ INITIAL_GAIN = 0.05
 """Gain of the orthogonal initialization of the last layer; small for nearly uniform probabilities."""
 
 
-class TwistChoice(Distribution):
+class TwistChoice(CategoricalDistribution):
     """Categorical distribution over candidate twists (forward speed, yaw rate); samples are twists."""
 
     def __init__(self, twists: Tensor) -> None:
-        super().__init__()
+        super().__init__(len(twists))
         self._twists = twists
 
-    def proba_distribution_net(self, *args: Any, **kwargs: Any) -> nn.Module:
-        raise TypeError("TwistChoice has no layer of its own: the network gives logits")
-
-    def proba_distribution(self, logits: Tensor) -> "TwistChoice":
-        self.logits, self._choice = logits, Categorical(logits=logits)
-        return self
+    def proba_distribution(self, action_logits: Tensor) -> "TwistChoice":
+        self.logits = action_logits
+        return super().proba_distribution(action_logits)
 
     def log_prob(self, actions: Tensor) -> Tensor:
-        return self._choice.log_prob(torch.cdist(actions, self._twists).argmin(dim=1))
-
-    def entropy(self) -> Tensor:
-        return self._choice.entropy()
+        return super().log_prob(torch.cdist(actions, self._twists).argmin(dim=1))
 
     def sample(self) -> Tensor:
-        return self._twists[self._choice.sample()]
+        return self._twists[super().sample()]
 
     def mode(self) -> Tensor:
         return self._twists[self.logits.argmax(dim=1)]
-
-    def actions_from_params(self, logits: Tensor, deterministic: bool = False) -> Tensor:
-        return self.proba_distribution(logits).get_actions(deterministic)
-
-    def log_prob_from_params(self, logits: Tensor) -> tuple[Tensor, Tensor]:
-        actions = self.actions_from_params(logits)
-        return actions, self.log_prob(actions)
 
 
 class TrajectoryNetwork(nn.Module):

@@ -40,12 +40,9 @@ def resuming(run: Path, record: Any) -> str:
 
 
 def check_names(record: Any, source: str, trust: Iterable[str] = ()) -> None:
-    """Raise ValueError if a configuration names code that is not registered or trusted.
+    """Raise ValueError if the configuration of a file `source` names code that is not registered or trusted.
 
-    Args:
-        record: configuration as nested mappings and lists.
-        source: file name for messages.
-        trust: modules including submodules, or `module:attribute`. Objects imported by a module are not trusted.
+    `trust`: modules including submodules, or `module:attribute`. Objects imported by a module are not trusted.
     """
     trusted = {trust} if isinstance(trust, str) else {*trust}
     for name, key in named_code(record).items():

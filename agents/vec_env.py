@@ -13,7 +13,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
-from lidarnaut.agents.infos import TRUNCATED, info_of, lazy_infos
+from lidarnaut.agents.infos import infos_of
 from lidarnaut.agents.networks import flat_space, flatten
 from lidarnaut.baselines.episode import LastInfo
 from lidarnaut.envs.core import lidar_env_of
@@ -92,16 +92,11 @@ def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
     return {name: value for name, value in usual.items() if name in accepted} | arguments
 
 
-def columns_of(info: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Return the entries of `info` that are arrays with one value per sub-environment."""
-    return {name: value for name, value in info.items() if name[0] != "_" and isinstance(value, np.ndarray)}
-
-
 class GymnasiumVecEnv(VecEnv):
     """Adapter from a Gymnasium vector environment with same-step autoreset to stable-baselines3.
 
     Sub-environment i gets seed + i. `infos` hold what `DummyVecEnv` of monitored environments has; `episode` also holds
-    the numbers of the last step. They are filled when they are read.
+    the numbers of the last step.
     `env_method("action_masks")` returns the masks of the latest observations. Actions are not clipped: algorithms of
     stable-baselines3 clip Gaussian samples.
     """
@@ -124,7 +119,7 @@ class GymnasiumVecEnv(VecEnv):
             raise ValueError("options must be the same for all sub-environments")
         seeds: Any = self._seeds
         self._observations, info = self.env.reset(seed=seeds, options=self._options[0] or None)
-        self.reset_infos = [info_of(info, i) for i in range(self.num_envs)]
+        self.reset_infos = infos_of(info, self.num_envs)
         self._reset_seeds()
         self._reset_options()
         self._returns[:] = self._lengths[:] = 0
@@ -141,10 +136,11 @@ class GymnasiumVecEnv(VecEnv):
         self._returns += rewards
         self._lengths += 1
         dones = np.asarray(terminated) | np.asarray(truncated)
-        infos = lazy_infos(info, self.num_envs)
+        infos, finals = infos_of(info, self.num_envs), infos_of(info.get("final_info", {}), self.num_envs)
         for i in np.flatnonzero(dones).tolist():
-            infos[i] = self._end_of_episode(info, i) | {TRUNCATED: bool(truncated[i] and not terminated[i])}
-            self.reset_infos[i] = info_of(info, i)
+            self.reset_infos[i], infos[i] = infos[i], self._end_of_episode(finals[i], info["final_obs"][i], i)
+        for i, is_cut in enumerate((dones & ~np.asarray(terminated)).tolist()):
+            infos[i]["TimeLimit.truncated"] = is_cut
         return self._shown(self._observations), rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
@@ -184,12 +180,10 @@ class GymnasiumVecEnv(VecEnv):
     def _shown(self, observations: Observations) -> Any:
         return flatten(observations) if self._is_flat else observations
 
-    def _end_of_episode(self, info: dict[str, Any], i: int) -> dict[str, Any]:
-        final = info_of(info["final_info"], i)
+    def _end_of_episode(self, final: dict[str, Any], last: Observations, i: int) -> dict[str, Any]:
         numbers = {name: np.asarray(value) for name, value in final.items()}
         episode = {name: float(value.sum()) for name, value in numbers.items() if value.dtype.kind in "biuf"}
         episode |= {"r": float(self._returns[i]), "l": int(self._lengths[i])}
         self._returns[i] = self._lengths[i] = 0
-        last = info["final_obs"][i]
-        last = flatten({name: part[None] for name, part in last.items()})[0] if self._is_flat else last
-        return final | {"episode": episode, "terminal_observation": last}
+        shown = flatten({name: part[None] for name, part in last.items()})[0] if self._is_flat else last
+        return final | {"episode": episode, "terminal_observation": shown}

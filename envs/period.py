@@ -195,12 +195,6 @@ def _quantities(env: Any) -> dict[str, Any]:
     return quantities
 
 
-def at_rest(names: Iterable[str], time: Any, contact: Any) -> dict[str, Any]:
-    """Return the quantities of control periods without a due scan: duration, and duration in contact [s]."""
-    passed = {"time": time, "collision": contact}
-    return {name: passed[name] if name in passed else 0.0 * time for name in names}
-
-
 def extend_trail(robot: Any, truth: Any, positions: np.ndarray, count: np.ndarray) -> np.ndarray:
     """Append positions of `record_positions` to the paths of a robot; return the estimated ones, shape (n, 2)."""
     estimated, true = count.tolist()
@@ -371,9 +365,10 @@ class Batch(Period):
         rows = {} if self._columns else {i: self.envs[i].period.quantities for i in chosen}
         self._names = next(iter(rows.values()), self._names)
         touching = (numbers["touched"] > 0.0).reshape(len(tasks), -1).sum(axis=1)
-        period = np.full(len(tasks), self.envs[0].control_period)
+        time = np.full(len(tasks), self.envs[0].control_period)
+        passed = {**{name: 0.0 * time for name in self._names}, "time": time, "collision": time * touching}
         metrics: dict[str, np.ndarray] = {}
-        quantities, metrics = self._columns or (at_rest(self._names, period, period * touching), metrics)
+        quantities, metrics = self._columns or (passed, metrics)
         weights = tasks[0].rewards.weights if self._has_columns else ()
         if weights and {type(row[name]) for row in rows.values() for name in weights} <= {float, np.float64}:
             for name in weights if rows else ():

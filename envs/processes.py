@@ -9,7 +9,6 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 
 
 def num_cores() -> int:
@@ -79,9 +78,3 @@ def interrupts_delayed() -> Iterator[None]:
         _signal.signal(signal.SIGINT, before)
         if came:
             signal.raise_signal(signal.SIGINT)
-
-
-def stop_workers(pool: ProcessPoolExecutor) -> None:
-    """Terminate the worker processes of a pool."""
-    for process in list((pool._processes or {}).values()):
-        process.terminate()

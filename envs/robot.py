@@ -15,7 +15,6 @@ from lidarnaut.envs.estimation.tracking import PeopleTracker
 from lidarnaut.envs.estimation.trail import Trail, interpolate
 from lidarnaut.envs.files import with_defaults
 from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
-from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robot_rows import RobotRows
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, RobotState, Twist
@@ -275,13 +274,6 @@ class GroundTruth:
         """Append the true position to the path if far enough from the last path point."""
         if self.trail.append(self.state.pose):
             self._rows.numbers["true_trail"][self._index] = self.trail.last
-
-    def update(self) -> None:
-        """Update true path and path length after a motion that kernels did not simulate."""
-        row = self._rows.numbers[self._index]
-        row["path_length"] += distance(row["x"] - row["last_pose"][0], row["y"] - row["last_pose"][1])
-        row["last_pose"] = row["x"], row["y"], row["theta"]
-        self.remember()
 
 
 def start_tracking(robots: Sequence[Robot], has_people: bool, track_people: bool | None) -> None:

@@ -310,8 +310,6 @@ BAD_ARGUMENTS = [
     ("ExploreFrontiersAbstract", {"scan_distance": 0.0}, "scan_distance"),
     ("ExploreFrontiersAbstract", {"drift": (0.1, -0.1)}, "drift"),
     ("ExploreFrontiersAbstract", {"false_returns": 1.0}, "false_returns"),
-    ("Explore", {"observations": {"plan": {"detection_time": 0.0}}}, "plan needs"),
-    ("Explore", {"observations": {"plan": {"num_candidates": 0}}}, "plan needs"),
 ]
 
 

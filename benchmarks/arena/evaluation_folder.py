@@ -64,18 +64,10 @@ class Records:
         shard: str = "",
         worlds: Mapping[str, str] | None = None,
     ) -> None:
-        """Open a new or existing evaluation folder.
+        """Open a new or existing folder; ValueError if it has other settings or worlds, or unreadable rows.
 
-        Args:
-            folder: evaluation folder.
-            columns: names and parsers of the columns of `episodes.csv`.
-            settings: settings common to all episodes.
-            shard: part of the evaluation to run, such as `1of4`; empty for all.
-            worlds: paths or `module:attribute` of user-defined worlds, files of SLAM presets by name, and of
-                robots by `robot NAME`.
-
-        Raises:
-            ValueError: if the folder has other settings or worlds, or unreadable rows.
+        `settings`: common to all episodes. `shard`: part of the evaluation to run, such as `1of4`; empty for all.
+        `worlds`: sources of user-defined worlds, and files of SLAM presets by name and of robots by `robot NAME`.
         """
         self.folder, self._settings, self._shard = folder, settings, shard
         self._episodes = _Table(folder, "episodes", columns, shard)

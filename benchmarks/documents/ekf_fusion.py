@@ -195,7 +195,7 @@ def run(pictures: Path, runs: int | None, jobs: int, quick: bool) -> list[Figure
     main = [(name, seed, COMPASS_NOISE, clean, changes) for name in physics for seed in seeds]
     others = [("kinematic", seed, noise, name, changes) for name, noise in disturbed for seed in few]
     faulty = [("kinematic", seed, COMPASS_NOISE, clean, changes, True) for seed in few]
-    drives = run_each(_run_case, [(*task, False) for task in (*main, *others)] + faulty, jobs, "drives")
+    drives = run_each(run_drive, [(*task, False) for task in (*main, *others)] + faulty, jobs, "drives")
     figures = []
     for name, fusion in itertools.product(physics, (DRIVER, "amcl", "encoder_compass", "encoder")):
         some = [drive for drive in drives[: len(main)] if drive.physics == name]
@@ -230,18 +230,12 @@ def make_env(physics: str, map_seed: int, noise: float, disturbance: str, change
     return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", physics=physics, map_seed=map_seed, **arguments))
 
 
-def _run_case(physics: str, seed: int, noise: float, disturbance: str, changes: Any, has_faults: bool) -> RouteDrive:
-    env = make_env(physics, seed, noise, disturbance, changes)
-    return run_drive(env, seed, FAULTS if has_faults else FILTERS)
-
-
-def run_drive(
-    env: LidarEnv, seed: int, filters: Mapping[str, Fault] = FILTERS, max_steps: int | None = None
-) -> RouteDrive:
+def run_drive(physics: str, seed: int, noise: float, disturbance: str, changes: Any, has_faults: bool) -> RouteDrive:
     """Simulate a drive along the mapped route, controlled by the fused pose; return true and estimated poses.
 
-    Each of the `filters` processes the same measurements with its own fault (delay, loss or error).
+    Each of the `FILTERS`, or `FAULTS`, processes the same measurements with its own fault (delay, loss or error).
     """
+    env, filters = make_env(physics, seed, noise, disturbance, changes), FAULTS if has_faults else FILTERS
     follower = RouteFollower()
     observation, info = begin_episode(env, follower, seed, np.random.default_rng([seed, 1]))
     decide, fused, route = decide_with(follower, env), env.robots[0].estimator, env.task.route
@@ -252,7 +246,7 @@ def run_drive(
         channels[name] = FaultyChannel(ekf, fault, np.random.default_rng([seed, k]))
     rows: list[tuple[float, Pose2D, Pose2D]] = []
     estimates: dict[str, list[Estimate]] = {name: [] for name in ("amcl", *filters)}
-    while "end_reason" not in info and len(rows) != max_steps:
+    while "end_reason" not in info:
         observation, _, _, _, info = env.step(decide(observation))
         rows.append((info["time"], env.map_pose.between(env.truths[0].state.pose), route.at(follower.along)))
         estimates["amcl"].append(fused.localized)
@@ -266,7 +260,7 @@ def run_drive(
     return RouteDrive(
         physics=env.task.physics,
         seed=seed,
-        end_reason=info.get("end_reason", "max_steps"),
+        end_reason=info["end_reason"],
         collisions=info["collisions"],
         time=np.array(time),
         truth=np.array(truth),

@@ -136,20 +136,17 @@ def compare_driving(starts: Count = 20, jobs: Count = 1) -> list[Row]:
     return [{"policy": EXPLORER, "messages": name, **_summary(some, reference)} for name, some in found.items()]
 
 
-def measure_loads(hours: float = 1.0) -> list[Row]:
-    """Measure processor time and memory of a `Driver` at 10 Hz, in `turtlebot3_house`.
+def measure_loads() -> list[Row]:
+    """Measure processor time and memory of a `Driver` at 10 Hz, in simulated hours in `turtlebot3_house`.
 
     An explorer starts anew when nothing is left; a learned controller drives to random goals among six people.
-
-    Args:
-        hours: simulated time of each run [h].
     """
     rows: list[Row] = []
     for name, id, people in (
         ("learned:pretrained/frontiers", "lidarnaut/Explore-v0", None),
         ("learned:pretrained/crowd", "lidarnaut/ReachCrowd-v0", 6),
     ):
-        rng, end, spent, memory = np.random.default_rng(0), 3600.0 * hours, list[float](), list[float]()
+        rng, end, spent, memory = np.random.default_rng(0), 3600.0, list[float](), list[float]()
         robot, used = SimulatedRobot(WORLD, ROBOT, people=people), 0.0
         while sum(spent) < end - 1.0:
             policy = make_policy(name)

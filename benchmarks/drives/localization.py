@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy import ndimage
 
 from lidarnaut.benchmarks.drives.recording import (
     PERIOD,
@@ -27,7 +26,7 @@ from lidarnaut.benchmarks.drives.recording import (
 )
 from lidarnaut.envs.arguments import choose_robot
 from lidarnaut.envs.command_line import Count
-from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from lidarnaut.envs.localization import PRESETS, Amcl, AmclParams, load_preset
 from lidarnaut.envs.logs import Log, load_log, rms, trajectory_errors
 from lidarnaut.envs.robots import LidarParams
@@ -123,26 +122,6 @@ def add_cupboards(setup: Setup, start: Pose2D, count: int, rng: np.random.Genera
     return setup
 
 
-def symmetries(grid: OccupancyGrid) -> list[Pose2D]:
-    """Return the rotations (30, 60, ..., 330 degrees) that map a grid onto itself, as motions in the map frame.
-
-    At least 90 % of the rotated occupied cells must lie within two cells of an occupied cell.
-    """
-    occupied = grid.data == OCCUPIED
-    distances = ndimage.distance_transform_edt(~occupied)
-    points = grid.centers(np.argwhere(occupied))
-    middle = grid.centers(np.argwhere(grid.data == FREE)).mean(axis=0)
-    found = []
-    for k in range(1, 12):
-        turn = Pose2D(0.0, 0.0, math.radians(30.0 * k))
-        motion = Pose2D(*(middle - turn.transform(middle[None])[0]).tolist(), turn.theta)
-        cells = grid.cells(motion.transform(points))
-        near = distances[tuple(cells[grid.contains(cells)].T)] <= 2.0
-        if np.count_nonzero(near) >= 0.9 * len(points):
-            found.append(motion)
-    return found
-
-
 def compare_amcl(
     runs: Count = 100,
     jobs: Count = 2,
@@ -166,13 +145,12 @@ def compare_amcl(
         tasks = [(world, preset, physics, seed, cupboards) for seed in range(runs)]
         found = run_each(run, tasks, jobs, world)
         done = {key: np.array([one[key] for one in found]) for key in found[0]}
-        row: Row = {"world": world, "symmetries": len(symmetries(known_map(load_known_world(world, physics).area)))}
-        row |= {f"tracking_rmse_{unit}": rms(done[f"tracking_{unit}"]) for unit in ("m", "deg")}
+        row: Row = {"world": world} | {f"tracking_rmse_{unit}": rms(done[f"tracking_{unit}"]) for unit in ("m", "deg")}
         row |= {f"tracking_worst_run_{unit}": float(done[f"tracking_{unit}"].max()) for unit in ("m", "deg")}
         row["tracking_max_m"] = float(done["tracking_max_m"].max())
         for what in ("global_after", "kidnapped_after", "kidnapped_noticed_after"):
             row |= {f"{what}_median_s": time_quantile(done[what], 0.5), f"{what}_p90_s": time_quantile(done[what], 0.9)}
-        for what in ("global_after", "global_after_up_to_symmetry", "kidnapped_after"):
+        for what in ("global_after", "kidnapped_after"):
             row[what.replace("after", "success")] = float(np.isfinite(done[what]).mean())
         rows.append(row | {name: float(done[name].mean()) for name in ("confident_and_wrong", "lost_while_right")})
     return rows
@@ -198,8 +176,6 @@ def run(world: str, preset: str, physics: str, seed: int, cupboards: int) -> Row
 
     found = localize(amcl, grid, drive, seed, None)
     is_right = _is_right(found["poses"], drive.truth)
-    turned = [[motion.compose(Pose2D(*pose)) for pose in drive.truth.tolist()] for motion in symmetries(grid)]
-    after_turned = [right_since(_is_right(found["poses"], np.array(truth)), MIN_CORRECT_TIME) for truth in turned]
 
     scans = round(KIDNAPPED_AT / PERIOD)
     kidnapped = drive.then(elsewhere, scans)
@@ -212,7 +188,6 @@ def run(world: str, preset: str, physics: str, seed: int, cupboards: int) -> Row
         "tracking_deg": math.degrees(rms(angle)),
         "lost_while_right": float(np.mean(tracked["is_lost"] & _is_right(tracked["poses"], drive.truth))),
         "global_after": right_since(is_right, MIN_CORRECT_TIME),
-        "global_after_up_to_symmetry": min([right_since(is_right, MIN_CORRECT_TIME), *after_turned]),
         "kidnapped_after": right_since(is_right_again, MIN_CORRECT_TIME),
         "kidnapped_noticed_after": first_time(is_lost_again),
         "confident_and_wrong": float(np.mean(wrong)),

@@ -73,20 +73,15 @@ def _remove(path: Path) -> None:
 def temporary_beside(path: Path) -> Path:
     """Return a temporary path next to `path`, unique across processes and machines.
 
-    The first call for a folder removes leftover temporary files.
+    The first call for a folder removes temporary files that ended processes of this machine have left.
     """
     if (folder := path.parent.absolute()) not in _cleaned:
         _cleaned.add(folder)
-        remove_leftovers(folder)
+        for other in folder.glob(".*.tmp"):
+            match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", other.name)
+            if match is not None and not _is_alive(int(match[1]), other):
+                _remove(other)
     return path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}.tmp")
-
-
-def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files left in a folder by ended processes of this machine."""
-    for path in folder.glob(".*.tmp"):
-        match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", path.name)
-        if match is not None and not _is_alive(int(match[1]), path):
-            _remove(path)
 
 
 @contextlib.contextmanager

@@ -221,7 +221,7 @@ def save_g2o(path: Path, nodes: np.ndarray, edges: Iterable[tuple[int, int, np.n
     write_file(path, "".join(f"{line}\n" for line in lines))
 
 
-def picture(grid: OccupancyGrid, positions: np.ndarray | None = None) -> Image.Image:
+def picture(grid: OccupancyGrid, positions: np.ndarray) -> Image.Image:
     """Draw the known part of a map with a margin of 10 cells: white free, black occupied, grey unknown.
 
     `positions`: path in blue, shape (n, 2), map frame [m].
@@ -230,10 +230,9 @@ def picture(grid: OccupancyGrid, positions: np.ndarray | None = None) -> Image.I
     cells = known.data.astype(float)
     grey = np.where(cells == UNKNOWN, 190.0, 255.0 - 2.55 * cells).round().astype(np.uint8)
     image = Image.fromarray(np.ascontiguousarray(grey[::-1])).convert("RGB")
-    if positions is not None:
-        points = (positions - known.origin) / grid.resolution
-        points[:, 1] = len(cells) - points[:, 1]
-        ImageDraw.Draw(image).line([tuple(point) for point in points.tolist()], fill=(40, 90, 220))
+    points = (positions - known.origin) / grid.resolution
+    points[:, 1] = len(cells) - points[:, 1]
+    ImageDraw.Draw(image).line([tuple(point) for point in points.tolist()], fill=(40, 90, 220))
     return image
 
 

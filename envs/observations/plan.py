@@ -20,6 +20,10 @@ from lidarnaut.envs.task import BoxPart
 LOOKAHEADS = (0.3, 0.6, 1.5)
 """Lookahead distances along a path [m]."""
 WIDTH = 2 * len(LOOKAHEADS) + 3
+NUM_FRONTIERS, MAX_CANDIDATES = 3, 48
+"""Maximum numbers of frontiers observed, and evaluated."""
+DETECTION_TIME = 1.0
+"""Time between frontier detections [s]."""
 WINDOW = 60
 """The path point nearest to the robot is searched among this number of points, beginning at the last nearest point."""
 
@@ -49,7 +53,7 @@ def rate_by_rule(navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
 
 
 class Plan(BoxPart):
-    """Observation of planned paths to the best frontiers: `Box(-1, 1, (9 * num_candidates,), float32)`.
+    """Observation of planned paths to the three best frontiers: `Box(-1, 1, (27,), float32)`.
 
     Features of each frontier, best first by its rating: cosine and sine of the directions, robot frame, to points
     0.3 m, 0.6 m and 1.5 m ahead on the path; path cost as x / (x + 5 m); visible unknown area as x / (x + 10 m2); and a
@@ -58,43 +62,33 @@ class Plan(BoxPart):
     `FrontierPlanner` plans the paths. Call `write` after every control period.
     """
 
-    def __init__(
-        self,
-        detection_time: float = 1.0,
-        num_candidates: int = 3,
-        max_candidates: int = 48,
-        rating: str | Callable[[], Rating] | None = None,
-    ) -> None:
+    size = WIDTH * NUM_FRONTIERS
+
+    def __init__(self, rating: str | Callable[[], Rating] | None = None) -> None:
         """Create the observation.
 
-        `detection_time`: time between frontier detections [s]. `num_candidates`, `max_candidates`: maximum numbers of
-        frontiers observed and evaluated. `rating`: function that returns a rating of frontiers, or its name, such as
+        `rating`: function that returns a rating of frontiers, or its name, such as
         "lidarnaut.agents.frontiers.score:pretrained_rating"; None for `gain_over_cost`.
         """
-        if not detection_time > 0 or not 0 < num_candidates <= max_candidates:
-            given = f"{detection_time!r}, {num_candidates!r} and {max_candidates!r}"
-            wanted = "a positive detection_time and 0 < num_candidates <= max_candidates"
-            raise ValueError(f"plan needs {wanted}, got {given}")
-        self._num, make = num_candidates, load_object(rating) if isinstance(rating, str) else rating
+        make = load_object(rating) if isinstance(rating, str) else rating
         self._rate: Rating = make() if make else rate_by_rule
-        self._limits = {"max_time": detection_time, "max_candidates": max_candidates}
-        self._name = "frontiers", detection_time, max_candidates, self if callable(rating) else rating
-        self.size = WIDTH * num_candidates
+        self._name = "frontiers", self if callable(rating) else rating
 
     def reset(self, robot: Robot) -> None:
         self._planner(robot)
 
     def _planner(self, robot: Robot) -> FrontierPlanner:
-        make = partial(FrontierPlanner, robot.params, robot.control_period, self._rate, **self._limits)
+        limits = {"max_time": DETECTION_TIME, "max_candidates": MAX_CANDIDATES}
+        make = partial(FrontierPlanner, robot.params, robot.control_period, self._rate, **limits)
         planner: FrontierPlanner = robot.planner(self._name, make)
-        planner.num_paths = max(planner.num_paths, self._num)
+        planner.num_paths = NUM_FRONTIERS
         return planner
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         planner, rows, pose = self._planner(robot), out.reshape(-1, WIDTH), tuple(robot.belief.pose)
         planner.update(robot.reading, robot.belief, Twist(*robot.action), [peer.belief for peer in robot.peers])
         rows[:] = 0.0
-        for k, path in enumerate(planner.paths[: self._num]):
+        for k, path in enumerate(planner.paths):
             planner.nearest[k] = look_ahead(path, planner.nearest[k], pose, LOOKAHEADS, rows[k])
             cost, visible = planner.table["cost"][k], planner.table["visible"][k]
             rows[k, -3:] = cost / (cost + HALF_COST), visible / (visible + HALF_AREA), cost >= 0.0

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from lidarnaut.envs.arguments import is_whole
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import distance
@@ -23,6 +22,7 @@ GOAL_MEMORY = "goal"
 """Key of the array of task states, one row per robot, with the goal's x and y in the first columns, map frame [m]."""
 PEERS_RANGE = 16.0
 """Teammate offset per axis that is normalized to 1 [m]: half the side of the map crop `map_far`."""
+NUM_PEOPLE = 8
 PEOPLE_RANGES = np.array([8.0, 8.0, 2.5, 2.5, 1.0])
 """Divisors of people's position, velocity and radius in the observation `Tracks` [m, m, m/s, m/s, m]."""
 ROUTE_RANGE = 5.0
@@ -139,19 +139,16 @@ class Peers(BoxPart):
 
 
 class Tracks(BoxPart):
-    """Observation of people tracked in scans, nearest first: `Box(-1, 1, (5 * num_people,), float32)`, zero-padded.
+    """Observation of up to eight people tracked in scans, nearest first: `Box(-1, 1, (40,), float32)`, zero-padded.
 
     Position forward and left / 8 m, ground velocity along these axes / (2.5 m/s), radius / 1 m.
     """
 
-    def __init__(self, num_people: int = 8) -> None:
-        if not (is_whole(num_people) and num_people > 0):
-            raise ValueError(f"num_people of tracks must be whole and positive, got {num_people!r}")
-        self._num_people, self.size = num_people, 5 * num_people
+    size = 5 * NUM_PEOPLE
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         people = robot.belief.people
-        nearest = np.argsort(np.hypot(people[:, 0], people[:, 1]), kind="stable")[: self._num_people]
+        nearest = np.argsort(np.hypot(people[:, 0], people[:, 1]), kind="stable")[:NUM_PEOPLE]
         out[:] = 0.0
         out[: 5 * len(nearest)] = np.clip(people[nearest] / PEOPLE_RANGES, -1.0, 1.0).ravel()
 

@@ -7,8 +7,6 @@ import numpy as np
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from lidarnaut.envs.geometry.raycast import Beams
-
 MAX_NUMBER = 1e9
 """Default upper limit of numeric robot parameters, in SI units."""
 MAX_LENGTH = 100.0
@@ -99,10 +97,6 @@ class LidarParams:
     def angles(self) -> np.ndarray:
         """Angles of the beams in the sensor frame, shape (num_beams,), float64 [rad]."""
         return self.angle_min + np.arange(self.num_beams) * self.angle_increment
-
-    @property
-    def beams(self) -> Beams:
-        return Beams(self.angle_min, self.angle_increment, self.range_max)
 
     @property
     def directions(self) -> np.ndarray:

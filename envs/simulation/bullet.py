@@ -12,7 +12,6 @@ from lidarnaut.envs.worlds import World
 
 from .bullet_robot import BulletRobot
 from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls, import_pybullet
-from .crowd import Crowd
 from .crowd.step import step_people
 from .physics import Simulator
 from .records import TOUCHED_PERSON, robot_record
@@ -26,16 +25,14 @@ CONTACT_BREAKING = 0.1
 class BulletSimulator(Simulator):
     """Simulator that moves robots as rigid bodies in PyBullet."""
 
-    def __init__(
-        self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
-    ) -> None:
+    is_copy = False
+    _bullet: Any = None
+    _nearby: NearbyWalls | None = None
+    _people: Sequence[int] = ()
+
+    def __init__(self, *arguments: Any) -> None:
         import_pybullet()
-        super().__init__(robot, control_period, num_robots, crowd)
-        self._bullet: Any = None
-        self._nearby: NearbyWalls | None = None
-        self._people: list[int] = []
-        self.is_copy = False
-        self.set_robot(robot)
+        super().__init__(*arguments)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), self._arguments, {"is_copy": self.is_copy or self._world is not None}

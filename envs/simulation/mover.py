@@ -31,8 +31,8 @@ class Mover(ABC):
         self.rows = Rows(robot, control_period, num_robots)
         self.rngs: Sequence[np.random.Generator] = ()
         self.crowd = People(crowd)
-        self.robot = robot
         self._period = float(control_period)
+        self.set_robot(robot)
 
     def set_robot(self, robot: RobotParams) -> None:
         """Change the robot parameters from the next reset on, except footprint and lidar beams."""

@@ -12,7 +12,6 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.worlds import World
 
 from .contact import Contact, check_starts, find_contacts
-from .crowd import Crowd
 from .crowd.step import with_bodies
 from .mover import Mover
 from .rows import Reading, RobotState, Twist
@@ -23,14 +22,9 @@ from .spinning_lidar import SpinningLidar
 class Simulator(Mover):
     """Base class of physics engines that simulate identical robots in a world."""
 
-    def __init__(
-        self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
-    ) -> None:
-        super().__init__(robot, control_period, num_robots, crowd)
-        self._world: World | None = None
-        self.deskews = True
-        """Whether scans of a lidar that spins are corrected for the robot's motion, by odometry."""
-        self._spinning = SpinningLidar(robot.lidar, control_period)
+    deskews = True
+    """Whether scans of a lidar that spins are corrected for the robot's motion, by odometry."""
+    _world: World | None = None
 
     def set_robot(self, robot: RobotParams) -> None:
         super().set_robot(robot)

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.arguments import check_positive
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.geometry.pose import distance
@@ -19,7 +18,7 @@ from lidarnaut.envs.task import ObservationPart, RowPart
 from . import reach_kernels as own_at
 
 AHEAD = 0.8
-"""Default lookahead distance [m]."""
+"""Lookahead distance [m]."""
 MAX_DESCENT = 6.0
 """Length of the shortest path ahead of the robot that is searched for the farthest visible point [m]."""
 
@@ -88,18 +87,13 @@ class PlannedCarrot(TaskPart):
 
     size = 3
 
-    def __init__(self, task: Any, ahead: float = AHEAD) -> None:
-        check_positive(ahead=ahead)
-        super().__init__(task)
-        self._ahead = float(ahead)
-
     def write(self, robot: Robot, out: np.ndarray) -> None:
         planner = robot.planner("goal", partial(GoalPlanner, robot.params, robot.control_period))
         pose = robot.belief.pose
         path = planner.update(robot.reading, robot.belief, self._task.tell_goal(pose)[:2])
-        planner.nearest = look_ahead(path, planner.nearest, tuple(pose), (self._ahead,), out)
+        planner.nearest = look_ahead(path, planner.nearest, tuple(pose), (AHEAD,), out)
         rest = np.vstack([pose[:2], path[planner.nearest :]])
-        out[2] = min(float(np.hypot(*np.diff(rest, axis=0).T).sum()) / self._ahead, 1.0)
+        out[2] = min(float(np.hypot(*np.diff(rest, axis=0).T).sum()) / AHEAD, 1.0)
 
 
 class ShortestCarrot(RowPart):
@@ -107,19 +101,18 @@ class ShortestCarrot(RowPart):
 
     size, uses_ground_truth = 3, True
 
-    def __init__(self, task: Any, ahead: float = AHEAD) -> None:
-        check_positive(ahead=ahead)
-        self._task, self._ahead = task, float(ahead)
+    def __init__(self, task: Any) -> None:
+        self._task = task
 
     def _write(self, rows: RobotRows, out: np.ndarray) -> None:
         lengths = self._task.arrays if rows.task_arrays is None else rows.task_arrays[0]
-        write_carrots(rows.numbers, rows.memory[GOAL_MEMORY], lengths, self._ahead, rows.active, out)
+        write_carrots(rows.numbers, rows.memory[GOAL_MEMORY], lengths, AHEAD, rows.active, out)
 
 
 CARROTS: dict[str, Callable[..., ObservationPart]] = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
 """Classes of lookahead observations by source of the path."""
 
 
-def make_carrot(task: Any, path: str = "plan", ahead: float = AHEAD) -> ObservationPart:
+def make_carrot(task: Any, path: str = "plan") -> ObservationPart:
     """Create the observation of a lookahead point on the planned ("plan") or the true shortest path ("shortest")."""
-    return resolve(path, CARROTS, "path of carrot")(task, ahead)
+    return resolve(path, CARROTS, "path of carrot")(task)

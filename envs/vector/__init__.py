@@ -7,14 +7,7 @@ from gymnasium.envs.registration import load_env_creator
 
 from .vector_env import LidarVectorEnv, make_vec
 
-__all__ = [
-    "ExploreFrontiersAbstractEnvs",
-    "ExploreFrontiersEnvs",
-    "ExploreTeamFrontiersEnvs",
-    "LidarEnvs",
-    "LidarVectorEnv",
-    "make_vec",
-]
+__all__ = ["LidarVectorEnv", "make_vec"]
 
 
 def _make(entry_point: str, num_envs: int = 1, *, physics: str = "kinematic", **arguments: Any) -> LidarVectorEnv:

@@ -6,7 +6,7 @@ from .library import WORLD_NAMES, load_world, world_sampler
 from .map_files import load_map, save_map
 from .map_worlds import world_from_map
 from .procedural import FAMILIES
-from .raster import check_world, free_area, leaks, rasterize, reachable
+from .raster import check_world, free_area, rasterize, reachable
 from .world import FixedRoute, World
 
 
@@ -28,7 +28,6 @@ __all__ = [
     "check_world",
     "explorable_area",
     "free_area",
-    "leaks",
     "load_map",
     "load_world",
     "rasterize",

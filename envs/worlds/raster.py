@@ -103,11 +103,6 @@ def free_area(world: World, radius: float = 0.0) -> float:
     return float(np.count_nonzero(mask)) * grid.resolution**2
 
 
-def leaks(mask: np.ndarray) -> bool:
-    """Return True if the reachable cells touch the edge of the raster, so that the world is not closed."""
-    return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
-
-
 def check_world(world: World) -> World:
     """Validate a world and return it.
 
@@ -132,7 +127,8 @@ def check_world(world: World) -> World:
             near = f"on or within {CHECK_RESOLUTION} m of a wall or a body"
             raise ValueError(f"world {world.name!r}: {what} {tuple(pose)} lies {near}")
         pieces.append(labels[tuple(cell)])
-    if leaks(labels == pieces[0]):
+    inside = labels == pieces[0]
+    if inside[[0, -1]].any() or inside[:, [0, -1]].any():
         leak = f"the outside of its bounds {world.bounds} can be reached from {tuple(world.spawns[0])}"
         raise ValueError(f"world {world.name!r} leaks: {leak}; close the gap with a segment under `closures`")
     for (what, pose), piece in zip(poses, pieces):

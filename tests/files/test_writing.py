@@ -13,7 +13,6 @@ from lidarnaut.envs.files import (
     append_file,
     naming,
     own_folder,
-    remove_leftovers,
     temporary_beside,
     write_file,
 )
@@ -38,9 +37,8 @@ def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path, dead):
     folder = tmp_path / f".step_7.{NODE}.{dead}.tmp"
     folder.mkdir()
     (folder / "weights").write_text("x")
-    remove_leftovers(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(kept)
     assert temporary_beside(tmp_path / "a.csv").name == f".a.csv.{NODE}.{os.getpid()}.tmp"
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(kept)
 
 
 @pytest.mark.parametrize("write", ["write_file", "write_folder", "BagWriter"])

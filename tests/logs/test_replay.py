@@ -337,7 +337,7 @@ def test_a_map_that_outgrows_the_memory_names_the_log(tmp_path):
 def test_picture_shows_low_y_at_the_bottom():
     data = np.full((30, 40), -1, dtype=np.int8)
     data[12, 20], data[17, 25] = 0, 100
-    image = picture(OccupancyGrid(data, 0.1, (0.0, 0.0)))
+    image = picture(OccupancyGrid(data, 0.1, (0.0, 0.0)), np.empty((0, 2)))
     assert isinstance(image, Image.Image)
     assert image.size == (26, 26)
     assert image.getpixel((10, 15)) == (255, 255, 255)

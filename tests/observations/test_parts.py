@@ -212,8 +212,8 @@ def test_a_running_environment_with_all_parts_can_be_copied(task):
 
 
 SHARED = {
-    "plan": (Explore, "FrontierNavigator", lambda env: Plan(num_candidates=2)),
-    "carrot": (ReachGoal, "GoalNavigator", lambda env: PlannedCarrot(env.task, 0.3)),
+    "plan": (Explore, "FrontierNavigator", lambda env: Plan()),
+    "carrot": (ReachGoal, "GoalNavigator", lambda env: PlannedCarrot(env.task)),
 }
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.observations import plan
 from lidarnaut.envs.observations.plan import LOOKAHEADS, look_ahead
 from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from tests.rooms import make_room
@@ -88,9 +89,10 @@ def test_who_follows_the_plan_explores_and_sees_it_change():
     np.testing.assert_allclose(np.hypot(*rows[present, :6].reshape(-1, 2).T), 1.0, atol=1e-5)
 
 
-def test_frontiers_are_found_anew_every_so_many_seconds():
+def test_frontiers_are_found_anew_every_so_many_seconds(monkeypatch):
     def changes(detection_time):
-        env = LidarEnv(Explore, **{**ROOMS, "observations": {"plan": {"detection_time": detection_time}}})
+        monkeypatch.setattr(plan, "DETECTION_TIME", detection_time)
+        env = LidarEnv(Explore, **ROOMS | {"observations": ("plan",)})
         costs = [observation["plan"][6] for observation in drive(env, 100, seed=1)]
         return np.count_nonzero(np.diff(costs))
 

@@ -2,7 +2,6 @@ import copy
 
 import gymnasium
 import numpy as np
-import pytest
 
 from lidarnaut.envs.worlds.world import FixedRoute
 from tests.rooms import square_room
@@ -62,8 +61,3 @@ def count_ghosts(env):
     grid = env.belief.grid
     x, y = env.map_pose.transform(grid.centers(np.argwhere(grid.data > 50))).T
     return (np.maximum(abs(x), abs(y)) < 3.0)[np.hypot(x - 1.5, y) > 0.4].sum()
-
-
-def test_tracks_refuse_a_number_that_is_none():
-    with pytest.raises(ValueError, match="num_people of tracks"):
-        gymnasium.make("lidarnaut/Explore-v0", observations={"tracks": {"num_people": 0}})

@@ -161,9 +161,6 @@ def test_human_draws_into_a_window_and_keeps_pace_and_wrong_arguments_are_named(
     renderer.close()
     assert other.draw(make_scene()) is None, "closing one window leaves the others open"
     other.close()
-    for arguments, culprit in ((("ascii", 10), "ascii"), (("human", 0), "fps")):
-        with pytest.raises(ValueError, match=culprit):
-            Renderer(*arguments)
 
 
 def test_arrays_need_no_display_and_import_needs_no_pygame():

@@ -1,7 +1,7 @@
 import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.geometry.raycast import cast_rays
+from lidarnaut.envs.geometry.raycast import Beams, cast_rays
 from lidarnaut.envs.robots import LidarParams, Mount, OdometryNoise
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.slam import HectorParams, load_params, make_slam
@@ -35,7 +35,8 @@ def make_small(name, preset="default", noise=WHEELS, **changes):
 def scan(pose, rng=None, noise=0.01, walls=ROOM + BOX, lidar=LIDAR, circles=NO_CIRCLES):
     out = np.empty(lidar.num_beams, dtype=np.float32)
     sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
-    cast_rays(*sensor, lidar.beams, np.array(walls, dtype=float), circles, out)
+    beams = Beams(lidar.angle_min, lidar.angle_increment, lidar.range_max)
+    cast_rays(*sensor, beams, np.array(walls, dtype=float), circles, out)
     return out if rng is None else (out + rng.normal(0.0, noise, out.shape)).astype(np.float32)
 
 

@@ -7,7 +7,7 @@ import pytest
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
-from lidarnaut.envs.geometry.raycast import cast_rays
+from lidarnaut.envs.geometry.raycast import Beams, cast_rays
 from lidarnaut.envs.tasks.coverage import Coverage, TrueScan, map_iou, sees
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.worlds import FixedRoute, explorable_area, save_map
@@ -65,7 +65,8 @@ def test_drawn_poses_are_traversable_clear_of_people_and_equal_those_without_peo
 def true_scan(world, pose, lidar=LONG):
     ranges = np.empty(lidar.num_beams, dtype=np.float32)
     eye = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
-    cast_rays(*eye, lidar.beams, world.segments, world.circles, ranges)
+    beams = Beams(lidar.angle_min, lidar.angle_increment, lidar.range_max)
+    cast_rays(*eye, beams, world.segments, world.circles, ranges)
     return ranges
 
 
