@@ -30,7 +30,7 @@ from lidarnaut.envs.worlds.map_files import map_paths
 from .commands import BridgeCommands, CommandProcess, CommandTopic, local_time
 from .driver import STOP, Driver
 from .frames import Frames
-from .program import Clock, ignore_signals, run_program, time_limited
+from .program import INTERRUPTED, Clock, ignore_signals, run_program, time_limited
 from .progress import Progress
 from .recorder import SafeRecorder
 from .rosbridge import Rosbridge
@@ -431,7 +431,7 @@ def main(options: Options) -> None:
         )
         session = held.enter_context(contextlib.closing(Session(o, bridge, commands, viewer)))
         held.callback(ignore_signals)
-        is_done = session.run(threading.Event(), functools.partial(time_limited, MAX_STEP))
+        is_done = session.run(INTERRUPTED, functools.partial(time_limited, MAX_STEP))
     if not is_done:
         sys.exit(3)
 

@@ -6,6 +6,7 @@ import logging
 import math
 import queue
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from logging.handlers import QueueHandler, QueueListener
@@ -15,6 +16,8 @@ from lidarnaut.envs.command_line import run_command
 
 SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """Signals that end a program like Ctrl-C."""
+INTERRUPTED = threading.Event()
+"""Set by these signals, beside KeyboardInterrupt, which is lost if it is raised in a callback of the interpreter."""
 
 
 class Clock:
@@ -75,6 +78,11 @@ def ignore_signals() -> None:
         signal.signal(each, signal.SIG_IGN)
 
 
+def _interrupt(number: int, frame: Any) -> None:
+    INTERRUPTED.set()
+    signal.default_int_handler(number, frame)
+
+
 def run_program(main: Callable[[Any], None], options: type) -> None:
     """Run a program with options of the command line; SIGTERM and SIGHUP end it like Ctrl-C.
 
@@ -86,7 +94,7 @@ def run_program(main: Callable[[Any], None], options: type) -> None:
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[QueueHandler(records)])
     for each in SIGNALS:
         if signal.getsignal(each) != signal.SIG_IGN:  # as with nohup
-            signal.signal(each, signal.default_int_handler)
+            signal.signal(each, _interrupt)
     try:
         run_command(main, options=options, status=1)
     finally:

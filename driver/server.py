@@ -1,6 +1,7 @@
 """Server of the rosbridge protocol, version 2 (RobotWebTools): topics as JSON over a websocket, without ROS."""
 
 import asyncio
+import contextlib
 import json
 import logging
 import math
@@ -87,7 +88,8 @@ class RosbridgeServer:
         if self._loop.is_closed():
             return
         self._loop.call_soon_threadsafe(self._server.close)
-        asyncio.run_coroutine_threadsafe(self._server.wait_closed(), self._loop).result()
+        with contextlib.suppress(TimeoutError):  # a client that does not answer
+            asyncio.run_coroutine_threadsafe(self._server.wait_closed(), self._loop).result(5.0)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()

@@ -138,7 +138,7 @@ def test_configurations_go_by_name_or_path(tmp_path, monkeypatch):
 
 
 def test_names_of_configurations_that_do_not_exist_say_which_do():
-    names = {path.stem for path in (ROOT / "configs").glob("*.yaml")} - {"arena"} | {"ReachGoal-v0"}
+    names = {path.stem for path in (ROOT / "configs").glob("*.yaml")} - {"algorithms", "arena"} | {"ReachGoal-v0"}
     with pytest.raises(ValueError, match="did you mean 'explore_frontiers'") as error:
         find_configuration("explore_frontier", "experiment")
     said = set(str(error.value).replace(",", " ").split())
