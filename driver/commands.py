@@ -13,7 +13,7 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from .rosbridge import Rosbridge
+from .rosbridge import Rosbridge, said_once, shortened
 
 LOGGER = logging.getLogger(__name__)
 TWIST = "geometry_msgs/msg/Twist"
@@ -141,7 +141,7 @@ class _Sender:
     def __init__(self, target: CommandTopic) -> None:
         self._target, self._said = target, "not connected yet"
         self._newest, self._is_new, self._is_over = (0.0, 0.0, 0.0, 0.0), False, False
-        self._changed = threading.Condition()
+        self._changed, self._log = threading.Condition(), said_once(lambda text: self._tell(log=text))
         self._bridge = Rosbridge(target.url, target.namespace, on_status=self._on_status)
         self._commands = BridgeCommands(self._bridge, target)
         threading.Thread(target=self._read, daemon=True).start()
@@ -162,7 +162,7 @@ class _Sender:
             return
 
     def _on_status(self, text: str) -> None:
-        self._tell(log=f"the rosbridge server says: {text}")
+        self._log(f"the rosbridge server says: {text}")
         if self._target.topic in text:
             self._take_type(text)
 
@@ -185,7 +185,7 @@ class _Sender:
                 self._said = self._bridge.error
                 self._tell(error=self._said)
                 topic = {"topic": self._target.topic}
-                self._bridge.ask("/rosapi/topic_type", topic, lambda found: self._take_type(str(found.type)))
+                self._bridge.ask("/rosapi/topic_type", topic, lambda found: self._take_type(shortened(found.type)))
         if decided > 0.0:
             self._commands.close()
         self._bridge.close()

@@ -4,8 +4,10 @@ import contextlib
 import faulthandler
 import logging
 import math
+import os
 import queue
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from logging.handlers import QueueHandler, QueueListener
@@ -87,9 +89,16 @@ def run_program(main: Callable[[Any], None], options: type) -> None:
     for each in SIGNALS:
         if signal.getsignal(each) != signal.SIG_IGN:  # as with nohup
             signal.signal(each, signal.default_int_handler)
+    status: Any = 1
     try:
         run_command(main, options=options, status=1)
+        status = 0
+    except SystemExit as stop:
+        status = int(stop.code or 0)
+        raise
     finally:
         end = time.monotonic() + 1.0
         while not records.empty() and time.monotonic() < end:
             time.sleep(0.01)
+        if any(not each.daemon for each in threading.enumerate() if each is not threading.main_thread()):
+            os._exit(status)  # threads of a policy would keep the program for ever
