@@ -113,6 +113,8 @@ class Rosbridge:
     def publish(self, topic: str, message: Any) -> None:
         """Send a message, from `lidarnaut.envs.logs.messages`, later and in order; never waits.
 
+        A function is called when its turn comes, and returns the message.
+
         Without a connection, only latched messages are kept. The message must not change afterwards.
         """
         topic = self._full(topic)
@@ -169,6 +171,7 @@ class Rosbridge:
                 self._outgoing[topic] = waiting
         if topic == "":
             return content
+        content = content() if callable(content) else content
         latch = self._topics[f"advertise {topic}"]["latch"]  # rosbridge warns if messages do not repeat it
         return {"op": "publish", "topic": topic, "msg": content, "latch": latch}
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import io
 import json
 import math
 import os
@@ -25,7 +26,7 @@ pytest.importorskip("websockets")
 from websockets.sync.server import serve
 
 from lidarnaut.driver import drive, program, rosbridge, viewer
-from lidarnaut.driver.commands import BridgeCommands, CommandProcess, CommandTopic, local_time
+from lidarnaut.driver.commands import DECISION, BridgeCommands, CommandProcess, CommandTopic, _Sender, local_time
 from lidarnaut.driver.program import time_limited
 from lidarnaut.driver.rosbridge import Rosbridge
 
@@ -75,6 +76,20 @@ def test_after_the_processes_have_stood_still_the_first_command_is_a_stop(server
         os.kill(commands._process.pid, signal.SIGCONT)
         wait_for(lambda: len(server.commands) > count + 5)
         assert set(server.commands[count:]) == {STOP}
+
+
+def test_a_command_that_waits_to_be_sent_becomes_a_stop_when_its_time_is_over(server, monkeypatch):
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(DECISION.pack(0.1, 0.2, 7.0, local_time()))))
+    sender = _Sender(CommandTopic(url=server.url, timeout=0.3))
+    with contextlib.closing(sender._bridge) as bridge:
+        wait_for(lambda: sender._is_over and not bridge.error)
+        monkeypatch.setattr(bridge, "_awake", lambda: None)  # the thread that sends stands still
+        bridge.publish("/cmd_vel", sender._current)
+        time.sleep(0.4)
+        monkeypatch.undo()
+        bridge._awake()
+        wait_for(lambda: server.commands)
+    assert server.commands == [STOP]
 
 
 def test_a_driver_that_is_killed_leaves_a_robot_that_stands(server):
