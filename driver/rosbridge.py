@@ -9,6 +9,7 @@ import logging
 import math
 import re
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Collection
 from types import SimpleNamespace
@@ -39,8 +40,9 @@ MAX_BYTES = 16 * 2**20
 MAX_WAITING, MAX_SIZE = 2000, 2 * MAX_BYTES
 """Maximum number of messages that wait for their receiver, or of one topic to be sent, and size of all that wait for
 their receiver; the oldest are dropped."""
-MAX_SAID, MAX_TEXT = 100, 300
-"""Maximum number of different warnings about messages, and length of a text of the server."""
+MAX_SAID, MAX_TEXT, QUIET = 100, 300, 5.0
+"""Maximum number of different warnings, length of a text of the server, and time without a warning until it is given
+again [s]."""
 ROS1 = {"sec": "secs", "nanosec": "nsecs"}
 """Names of ROS 1 for fields of times and durations of ROS 2."""
 ROS2 = {other: name for name, other in ROS1.items()}
@@ -181,16 +183,14 @@ class Rosbridge:
         self._loop.close()
 
     async def _connect(self) -> None:
-        warn, inform, pause = said_once(LOGGER.warning), said_once(LOGGER.info), 0.05
+        inform, pause = said_once(LOGGER.info), 0.05
         how: Any = {"ping_interval": PING_PERIOD, "ping_timeout": MAX_SILENCE, "max_size": MAX_BYTES}
         while not self._is_closed.is_set():
             if self._is_ready():
-                opened = math.inf
                 try:
                     async with connect(
                         self.url, open_timeout=2.0, close_timeout=CLOSE_TIMEOUT, compression=None, **how
                     ) as socket:
-                        opened = self._loop.time()
                         if self._receivers:
                             inform(f"connected to {self.url}")
                         await self._use(socket)
@@ -203,10 +203,8 @@ class Rosbridge:
                 with self._lock:
                     self.error = reason
                     self._outgoing.clear()
-                if self._loop.time() - opened > PATIENCE:  # or a server that closes at once would fill the terminal
-                    warn, inform = said_once(LOGGER.warning), said_once(LOGGER.info)
                 if not self._is_closed.is_set():
-                    warn(f"no connection to {self.url}: {reason}")
+                    self._warn(f"no connection to {self.url}: {reason}")
                 pause = RETRY_PERIOD
             self._wake.clear()
             with contextlib.suppress(TimeoutError):
@@ -350,12 +348,14 @@ def without_numbers(text: str) -> str:
 
 
 def said_once(say: Callable[[str], None]) -> Callable[[str], None]:
-    """Return a function that says a text, but none that differs only by numbers from an earlier one."""
-    said = set[str]()
+    """Return a function that says a text, unless one that differs only by numbers came in the last `QUIET` seconds."""
+    last = dict[str, float]()
 
     def say_once(text: str) -> None:
-        if (key := without_numbers(text)) not in said and len(said) < MAX_SAID:
-            said.add(key)
+        key, now = without_numbers(text), time.monotonic()
+        if (before := last.get(key, -math.inf if len(last) < MAX_SAID else math.inf)) < math.inf:
+            last[key] = now
+        if now - before > QUIET:
             say(text)
 
     return say_once

@@ -80,12 +80,13 @@ def test_after_the_processes_have_stood_still_the_first_command_is_a_stop(server
 
 def test_a_command_that_waits_to_be_sent_becomes_a_stop_when_its_time_is_over(server, monkeypatch):
     monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(DECISION.pack(0.1, 0.2, 7.0, local_time()))))
-    sender = _Sender(CommandTopic(url=server.url, timeout=0.3))
+    sender = _Sender(CommandTopic(url=server.url, timeout=1.0))
     with contextlib.closing(sender._bridge) as bridge:
-        wait_for(lambda: sender._is_over and not bridge.error)
+        wait_for(lambda: sender._is_over and server.advertised("/cmd_vel"))
+        time.sleep(0.1)
         monkeypatch.setattr(bridge, "_awake", lambda: None)  # the thread that sends stands still
         bridge.publish("/cmd_vel", sender._current)
-        time.sleep(0.4)
+        time.sleep(1.1)
         monkeypatch.undo()
         bridge._awake()
         wait_for(lambda: server.commands)
@@ -201,6 +202,19 @@ def test_texts_of_a_server_are_escaped_and_said_once(caplog):
     assert caplog.text.count("the rosbridge server says: no \\x1b]0;title") == 1
     assert "hello" not in caplog.text
     assert "\x1b" not in caplog.text + bridge.error
+
+
+def test_a_warning_is_given_again_after_a_pause(monkeypatch):
+    now, said = [100.0], []
+    monkeypatch.setattr(rosbridge.time, "monotonic", lambda: now[0])
+    say = rosbridge.said_once(said.append)
+    for time_of_text in (0.0, 4.0, 8.0, 14.0, 15.0):
+        now[0] = 100.0 + time_of_text
+        say(f"goal {time_of_text} is far")
+    assert said == ["goal 0.0 is far", "goal 14.0 is far"]
+    for k in range(300):
+        say("x" * k)
+    assert len(said) == 101
 
 
 def test_wrong_messages_are_said_once_whatever_their_numbers(caplog):
