@@ -13,12 +13,14 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from .rosbridge import Rosbridge
+from .rosbridge import Rosbridge, said_once, shortened
 
 LOGGER = logging.getLogger(__name__)
 TWIST = "geometry_msgs/msg/Twist"
 DECISION = struct.Struct("<4d")
 """Forward speed [m/s], yaw rate [rad/s], time of the robot's clock and local time of a decision [s]."""
+NEVER = 0.0, 0.0, 0.0, 0.0
+"""Values before the first decision."""
 STOPS, BETWEEN_STOPS = 3, 0.05
 """Number of stops at the end, and time between them [s]."""
 
@@ -70,6 +72,10 @@ class BridgeCommands:
 
     def send(self, command: tuple[float, float], stamp: float, decided: float = 0.0) -> None:
         """Send a command (v, w) [m/s, rad/s] with a stamp of the robot's clock [s]."""
+        self._bridge.publish(self._target.topic, self.message(command, stamp))
+
+    def message(self, command: tuple[float, float], stamp: float) -> dict[str, Any]:
+        """Return the message of a command, see `send`."""
         self._stamp = stamp
         linear, angular = ({"x": 0.0, "y": 0.0, "z": 0.0} for _ in range(2))
         linear["x"], angular["z"] = command
@@ -78,7 +84,7 @@ class BridgeCommands:
             seconds, nanoseconds = divmod(round(stamp * 1e9), 10**9)
             header = {"stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": self._target.frame}
             message = {"header": header, "twist": message}
-        self._bridge.publish(self._target.topic, message)
+        return message
 
     def close(self) -> None:
         """Send stops."""
@@ -140,8 +146,8 @@ class _Sender:
 
     def __init__(self, target: CommandTopic) -> None:
         self._target, self._said = target, "not connected yet"
-        self._newest, self._is_new, self._is_over = (0.0, 0.0, 0.0, 0.0), False, False
-        self._changed = threading.Condition()
+        self._newest, self._is_new, self._is_over = NEVER, False, False
+        self._changed, self._log = threading.Condition(), said_once(lambda text: self._tell(log=text))
         self._bridge = Rosbridge(target.url, target.namespace, on_status=self._on_status)
         self._commands = BridgeCommands(self._bridge, target)
         threading.Thread(target=self._read, daemon=True).start()
@@ -162,7 +168,7 @@ class _Sender:
             return
 
     def _on_status(self, text: str) -> None:
-        self._tell(log=f"the rosbridge server says: {text}")
+        self._log(f"the rosbridge server says: {text}")
         if self._target.topic in text:
             self._take_type(text)
 
@@ -170,23 +176,26 @@ class _Sender:
         if self._commands.use_type(text):
             self._tell(log=f"commands are sent with the type of {self._target.topic} that the server names: {text}")
 
+    def _current(self) -> dict[str, Any]:
+        """Return the command at the time at which it is sent: this process may have stood still in between."""
+        v, w, stamp, decided = self._newest
+        age = local_time() - decided
+        return self._commands.message((v, w) if age <= self._target.timeout else (0.0, 0.0), stamp + age)
+
     def run(self) -> None:
         """Send commands until the input ends, then stops."""
-        decided = 0.0
         while not self._is_over:
             with self._changed:
                 self._changed.wait_for(lambda: self._is_over or self._is_new, self._target.period)
-                v, w, stamp, decided = self._newest
                 self._is_new = False
-            if decided > 0.0:
-                age = local_time() - decided
-                self._commands.send((v, w) if age <= self._target.timeout else (0.0, 0.0), stamp + age)
+            if self._newest != NEVER:
+                self._bridge.publish(self._target.topic, self._current)
             if self._bridge.error != self._said:
                 self._said = self._bridge.error
                 self._tell(error=self._said)
                 topic = {"topic": self._target.topic}
-                self._bridge.ask("/rosapi/topic_type", topic, lambda found: self._take_type(str(found.type)))
-        if decided > 0.0:
+                self._bridge.ask("/rosapi/topic_type", topic, lambda found: self._take_type(shortened(found.type)))
+        if self._newest != NEVER:
             self._commands.close()
         self._bridge.close()
 

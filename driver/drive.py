@@ -7,6 +7,7 @@ import math
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,7 +31,7 @@ from lidarnaut.envs.worlds.map_files import map_paths
 from .commands import BridgeCommands, CommandProcess, CommandTopic, local_time
 from .driver import STOP, Driver
 from .frames import Frames
-from .program import INTERRUPTED, Clock, ignore_signals, run_program, time_limited
+from .program import Clock, first_signal, ignore_signals, run_program, time_limited
 from .progress import Progress
 from .recorder import SafeRecorder
 from .rosbridge import Rosbridge
@@ -152,7 +153,7 @@ class Session:
             self._use(first)
         self._frames = Frames(options, lidar)
         self._permitted = -math.inf
-        self._sim_time, self._progress = math.nan, Progress(options.goal)
+        self._sim_time, self._ticked, self._progress = math.nan, math.inf, Progress(options.goal)
         self._saved, self._failures = local_time(), dict[str, str]()
         self.reason = "no scan yet"
         """Why the last command was a stop; empty while driving."""
@@ -210,10 +211,11 @@ class Session:
         return self._sim_time if self.options.use_sim_time else self._clock.time
 
     def _on_clock(self, message: Any) -> None:
-        self._sim_time = seconds(message.clock)
+        if (time_now := seconds(message.clock)) != self._sim_time:
+            self._sim_time, self._ticked = time_now, time.monotonic()
 
     def _on_dead_man(self, message: Any) -> None:
-        self._permitted = time.monotonic() if message.data else -math.inf
+        self._permitted = time.monotonic() if message.data is True else -math.inf
 
     def _on_static(self, message: Any) -> None:
         with self._lock:
@@ -311,6 +313,8 @@ class Session:
             return f"no connection: {error}"
         if self.options.dead_man is not None and time.monotonic() - self._permitted > DEAD_MAN_TIME:
             return f"{self.options.dead_man} is not true"
+        if time.monotonic() - self._ticked > self.options.timeout:
+            return "/clock stands still"
         return ""
 
     def run(self, is_over: threading.Event, watch: Callable[[], Any] = contextlib.nullcontext) -> bool:
@@ -431,7 +435,14 @@ def main(options: Options) -> None:
         )
         session = held.enter_context(contextlib.closing(Session(o, bridge, commands, viewer)))
         held.callback(ignore_signals)
-        is_done = session.run(INTERRUPTED, functools.partial(time_limited, MAX_STEP))
+        try:
+            is_done = session.run(first_signal(), functools.partial(time_limited, MAX_STEP))
+        except (ValueError, RuntimeError, OSError):
+            raise
+        except (Exception, SystemExit) as error:  # a policy that exits must not seem to be done
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            what = f"{type(error).__name__}: {error}"
+            raise RuntimeError(f"the policy fails: {what} ({place.filename}:{place.lineno})") from error
     if not is_done:
         sys.exit(3)
 

@@ -2,7 +2,6 @@
 
 import logging
 import math
-import re
 from collections import deque
 from typing import Any
 
@@ -14,6 +13,8 @@ from lidarnaut.envs.logs.bag import BASE_FRAMES
 from lidarnaut.envs.logs.scans import MAX_RANGE_LIMIT, Limits, Scan, in_base_frame, usable_scans, with_checked_times
 from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
 from lidarnaut.envs.robots import LidarParams
+
+from .rosbridge import without_numbers
 
 LOGGER = logging.getLogger(__name__)
 MAX_WAITING, MAX_TRANSFORMS, MAX_SAID = 20, 1000, 100
@@ -52,11 +53,15 @@ class Frames:
     def add(self, message: Any, *, static: bool) -> None:
         """Add the transforms of a TFMessage; those of localization and odometry do not place sensors."""
         for one in message.transforms:
-            parent = frame_name(one.header.frame_id)
-            self._has_tree |= static or parent != self.map
-            if static or parent not in (self.map, self.odom):
-                self._tree.add(one, static)
-                self._fixed.clear()
+            try:
+                parent = frame_name(one.header.frame_id)
+                self._has_tree |= static or parent != self.map
+                if static or parent not in (self.map, self.odom):
+                    self._fixed.clear()
+                    self._tree.add(one, static)
+            except (AttributeError, TypeError, ValueError, OverflowError) as error:  # the others count, as in tf2
+                child = getattr(one, "child_frame_id", None)
+                self._say(f"transform {child}", "the transform of frame %r is ignored: %s", child, error)
 
     def is_expected(self, what: str, given: str | None, frame: str, *, once: bool = True) -> bool:
         """Return whether messages are of a frame, or of none; otherwise give a warning."""
@@ -173,7 +178,7 @@ class Frames:
         try:
             return usable_scans([in_base_frame(scan, mount)], Limits())[0]
         except ValueError as error:
-            self._say(re.sub(r"[-+.\d]", "", str(error)), "%s", error)
+            self._say(without_numbers(str(error)), "%s", error)
             return []
 
     def _limits(self, message: Any) -> tuple[float, float]:

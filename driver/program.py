@@ -4,6 +4,7 @@ import contextlib
 import faulthandler
 import logging
 import math
+import os
 import queue
 import signal
 import threading
@@ -16,8 +17,6 @@ from lidarnaut.envs.command_line import run_command
 
 SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """Signals that end a program like Ctrl-C."""
-INTERRUPTED = threading.Event()
-"""Set by these signals, beside KeyboardInterrupt, which is lost if it is raised in a callback of the interpreter."""
 
 
 class Clock:
@@ -72,15 +71,29 @@ def time_limited(seconds: float) -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
+def first_signal() -> threading.Event:
+    """Return an event that the next signal sets, instead of raising KeyboardInterrupt as the ones after it do.
+
+    An exception at any place of a loop may leave a lock taken, or be lost in a callback of the interpreter.
+    """
+    is_over = threading.Event()
+
+    def note(number: int, frame: Any) -> None:
+        if is_over.is_set():
+            signal.default_int_handler(number, frame)
+        is_over.set()
+
+    if threading.current_thread() is threading.main_thread():
+        for each in SIGNALS:
+            if signal.getsignal(each) != signal.SIG_IGN:
+                signal.signal(each, note)
+    return is_over
+
+
 def ignore_signals() -> None:
     """Let the program end without further interruptions."""
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)
-
-
-def _interrupt(number: int, frame: Any) -> None:
-    INTERRUPTED.set()
-    signal.default_int_handler(number, frame)
 
 
 def run_program(main: Callable[[Any], None], options: type) -> None:
@@ -94,10 +107,17 @@ def run_program(main: Callable[[Any], None], options: type) -> None:
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[QueueHandler(records)])
     for each in SIGNALS:
         if signal.getsignal(each) != signal.SIG_IGN:  # as with nohup
-            signal.signal(each, _interrupt)
+            signal.signal(each, signal.default_int_handler)
+    status: Any = 1
     try:
         run_command(main, options=options, status=1)
+        status = 0
+    except SystemExit as stop:
+        status = int(stop.code or 0)
+        raise
     finally:
         end = time.monotonic() + 1.0
         while not records.empty() and time.monotonic() < end:
             time.sleep(0.01)
+        if any(not each.daemon for each in threading.enumerate() if each is not threading.main_thread()):
+            os._exit(status)  # threads of a policy would keep the program for ever

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .driver import Driver
+from .rosbridge import without_numbers
 
 LOGGER = logging.getLogger(__name__)
 REPORT_PERIOD = 10.0
@@ -42,7 +43,7 @@ class Progress:
 
     def report(self, driver: Driver, now: float) -> None:
         """Say when and why the robot stops, and each `REPORT_PERIOD` what is known."""
-        kind = driver.reason.partition(" for ")[0]
+        kind = without_numbers(driver.reason.partition(" for ")[0])
         if kind != self._said:
             self._said = kind
             LOGGER.info("stopped: %s" if kind else "driving%s", driver.reason)

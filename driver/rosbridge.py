@@ -7,7 +7,9 @@ import functools
 import json
 import logging
 import math
+import re
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Collection
 from types import SimpleNamespace
@@ -35,8 +37,12 @@ PATIENCE = 3.0
 """Topics without a message for this time after a connection are named [s]."""
 MAX_BYTES = 16 * 2**20
 """Maximum size of a received message."""
-MAX_WAITING = 2000
-"""Maximum number of messages that wait for their receiver, or of one topic to be sent; the oldest are dropped."""
+MAX_WAITING, MAX_SIZE = 2000, 2 * MAX_BYTES
+"""Maximum number of messages that wait for their receiver, or of one topic to be sent, and size of all that wait for
+their receiver; the oldest are dropped."""
+MAX_SAID, MAX_TEXT, QUIET = 100, 300, 5.0
+"""Maximum number of different warnings, length of a text of the server, and time without a warning until it is given
+again [s]."""
 ROS1 = {"sec": "secs", "nanosec": "nsecs"}
 """Names of ROS 1 for fields of times and durations of ROS 2."""
 ROS2 = {other: name for name, other in ROS1.items()}
@@ -79,13 +85,14 @@ class Rosbridge:
         self.error = "not connected yet"
         """Why there is no connection; empty while connected."""
         self._expected, self._is_ready = {self._full(topic) for topic in expected}, is_ready
-        self._on_status = on_status or _log_status()
+        self._warn = said_once(LOGGER.warning)
+        self._on_status = on_status or (lambda text: self._warn(f"the rosbridge server says: {text}"))
         self._topics: dict[str, dict[str, Any]] = {}
         self._receivers: dict[str, Receive] = {}
         self._latched: dict[str, Any] = {}
         self._outgoing: dict[str, deque[Any]] = {}
         self._refused, self._largest = set[str](), (0, "")
-        self._inbox: deque[str | bytes] = deque(maxlen=MAX_WAITING)
+        self._inbox, self._inbox_size = deque[str | bytes](), 0
         self._has_mail, self._is_closed, self._lock = threading.Event(), threading.Event(), threading.Lock()
         self._loop = asyncio.new_event_loop()
         self._wake = asyncio.Event()
@@ -107,6 +114,8 @@ class Rosbridge:
 
     def publish(self, topic: str, message: Any) -> None:
         """Send a message, from `lidarnaut.envs.logs.messages`, later and in order; never waits.
+
+        A function is called when its turn comes, and returns the message.
 
         Without a connection, only latched messages are kept. The message must not change afterwards.
         """
@@ -164,6 +173,7 @@ class Rosbridge:
                 self._outgoing[topic] = waiting
         if topic == "":
             return content
+        content = content() if callable(content) else content
         latch = self._topics[f"advertise {topic}"]["latch"]  # rosbridge warns if messages do not repeat it
         return {"op": "publish", "topic": topic, "msg": content, "latch": latch}
 
@@ -173,7 +183,7 @@ class Rosbridge:
         self._loop.close()
 
     async def _connect(self) -> None:
-        said = ""
+        inform, pause = said_once(LOGGER.info), 0.05
         how: Any = {"ping_interval": PING_PERIOD, "ping_timeout": MAX_SILENCE, "max_size": MAX_BYTES}
         while not self._is_closed.is_set():
             if self._is_ready():
@@ -181,23 +191,24 @@ class Rosbridge:
                     async with connect(
                         self.url, open_timeout=2.0, close_timeout=CLOSE_TIMEOUT, compression=None, **how
                     ) as socket:
-                        said = ""
+                        if self._receivers:
+                            inform(f"connected to {self.url}")
                         await self._use(socket)
                     reason = "the server has closed the connection"
                 except Exception as error:  # also those of a connection that is reset while it closes
-                    reason = f"{type(error).__name__}: {printable(error)}"
+                    reason = f"{type(error).__name__}: {shortened(error)}"
                     if _is_too_big(error):
                         reason = f"messages of {self._largest[0]} bytes are too large for the server"
                         self._refuse(self._largest[1])
                 with self._lock:
                     self.error = reason
                     self._outgoing.clear()
-                if not self._is_closed.is_set() and reason != said:
-                    LOGGER.warning("no connection to %s: %s", self.url, reason)
-                said = reason
+                if not self._is_closed.is_set():
+                    self._warn(f"no connection to {self.url}: {reason}")
+                pause = RETRY_PERIOD
             self._wake.clear()
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._until_closed(), RETRY_PERIOD if said else 0.05)
+                await asyncio.wait_for(self._until_closed(), pause)
 
     def _refuse(self, topic: str) -> None:
         """Send no more messages of a topic, whose size ends the connection."""
@@ -217,11 +228,11 @@ class Rosbridge:
             if self._topics:
                 self._outgoing[""] = deque(self._topics.values())
             self.error = ""
-        if self._receivers:
-            LOGGER.info("connected to %s", self.url)
         begun = asyncio.get_running_loop().time()
         self._heard: set[str] = set()
         tasks = {asyncio.create_task(each) for each in (self._read(socket), self._write(socket), self._look(begun))}
+        for task in tasks:
+            task.add_done_callback(_take_error)
         done, others = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in others:
             task.cancel()
@@ -230,7 +241,11 @@ class Rosbridge:
 
     async def _read(self, socket: ClientConnection) -> None:
         async for text in socket:
-            self._inbox.append(text)
+            with self._lock:
+                self._inbox.append(text)
+                self._inbox_size += len(text)
+                while len(self._inbox) > MAX_WAITING or self._inbox_size > MAX_SIZE:
+                    self._inbox_size -= len(self._inbox.popleft())
             self._has_mail.set()
 
     async def _write(self, socket: ClientConnection) -> None:
@@ -245,7 +260,7 @@ class Rosbridge:
                     continue
                 self._largest = max(self._largest, (len(text), data.get("topic", "")))
                 sending = asyncio.ensure_future(socket.send(text))
-                sending.add_done_callback(lambda each: each.cancelled() or each.exception())  # if nobody waits for it
+                sending.add_done_callback(_take_error)
                 left = math.inf
                 while not (await asyncio.wait({sending}, timeout=0.75 * MAX_SILENCE))[0]:
                     if (size := socket.transport.get_write_buffer_size()) >= left:
@@ -263,16 +278,24 @@ class Rosbridge:
         for topic in sorted(self._expected - self._heard):
             kind = self._topics[f"subscribe {topic}"]["type"]
             LOGGER.warning("no message on %s (%s) for %g s", topic, kind, PATIENCE)
-            self.ask("/rosapi/topics_for_type", {"type": kind}, functools.partial(_name_topics, kind))
+            self.ask("/rosapi/topics_for_type", {"type": kind}, functools.partial(self._name_topics, kind))
             await asyncio.sleep(0.5)
         await asyncio.Event().wait()
+
+    def _name_topics(self, kind: str, found: Any) -> None:
+        names = getattr(found, "topics", None) or ()
+        told = found if isinstance(found, str) else ", ".join(map(str, names)) or "none"  # a text is an error
+        self._warn(f"topics of type {kind}: {shortened(told)}")
 
     def _deliver(self) -> None:
         while not self._is_closed.is_set():
             self._has_mail.wait()
             self._has_mail.clear()
             while self._inbox and not self._is_closed.is_set():
-                self._receive(self._inbox.popleft())
+                with self._lock:
+                    text = self._inbox.popleft()
+                    self._inbox_size -= len(text)
+                self._receive(text)
 
     def _receive(self, text: str | bytes) -> None:
         try:
@@ -283,11 +306,10 @@ class Rosbridge:
             elif operation == "service_response":
                 receive, content = self._receivers.get(data["service"]), data.get("values")
             elif operation == "status" and data.get("level") in ("error", "warning"):
-                self._on_status(printable(data["msg"]))
+                self._on_status(shortened(data.get("msg")))
             message = from_json(content) if receive else None
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            reason = f"{type(error).__name__}: {printable(error)}"
-            LOGGER.warning("a message that is not of the rosbridge protocol: %s", reason)
+            self._warn(f"a message that is not of the rosbridge protocol: {type(error).__name__}: {shortened(error)}")
             return
         if receive is not None:
             name = data.get("topic") or data["service"]
@@ -295,8 +317,12 @@ class Rosbridge:
             try:
                 receive(message)
             except Exception as error:  # other messages are still received
-                reason = f"{type(error).__name__}: {printable(error)}"
-                LOGGER.warning("%s: a message is dropped: %s", printable(name), reason)
+                self._warn(f"{printable(name)}: messages are dropped: {type(error).__name__}: {shortened(error)}")
+
+
+def _take_error(task: asyncio.Future[None]) -> None:
+    """Keep asyncio from printing the error of a task that nobody waits for."""
+    _ = task.cancelled() or task.exception()
 
 
 def _is_too_big(error: BaseException | None) -> bool:
@@ -311,21 +337,28 @@ def _is_too_big(error: BaseException | None) -> bool:
     return False
 
 
-def _log_status() -> Callable[[str], None]:
-    said = set[str]()
-
-    def log(text: str) -> None:
-        if text not in said and len(said) < MAX_WAITING:
-            said.add(text)
-            LOGGER.warning("the rosbridge server says: %s", text)
-
-    return log
+def shortened(text: object) -> str:
+    """Return the first characters of a text, printable and in one line."""
+    return printable(" ".join(str(text)[:MAX_TEXT].split()))[:MAX_TEXT]
 
 
-def _name_topics(kind: str, found: Any) -> None:
-    names = [printable(each) for each in getattr(found, "topics", ())]
-    told = printable(found)[:500] if isinstance(found, str) else ", ".join(names) or "none"  # a text is an error
-    LOGGER.warning("topics of type %s: %s", kind, told)
+def without_numbers(text: str) -> str:
+    """Return a text without digits, signs and points, to compare texts."""
+    return re.sub(r"[-+.\d]", "", text)
+
+
+def said_once(say: Callable[[str], None]) -> Callable[[str], None]:
+    """Return a function that says a text, unless one that differs only by numbers came in the last `QUIET` seconds."""
+    last = dict[str, float]()
+
+    def say_once(text: str) -> None:
+        key, now = without_numbers(text), time.monotonic()
+        if (before := last.get(key, -math.inf if len(last) < MAX_SAID else math.inf)) < math.inf:
+            last[key] = now
+        if now - before > QUIET:
+            say(text)
+
+    return say_once
 
 
 def to_json(value: Any) -> Any:

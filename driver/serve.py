@@ -16,7 +16,7 @@ from lidarnaut.envs.logs import messages
 from lidarnaut.envs.simulation import Twist
 
 from .gate import check_numbers
-from .program import INTERRUPTED, run_program
+from .program import first_signal, run_program
 from .rosbridge import Rosbridge
 from .server import RosbridgeServer
 from .simulated_robot import SimulatedRobot
@@ -156,7 +156,7 @@ def main(options: Options) -> None:
         bridge = held.enter_context(contextlib.closing(Rosbridge(url, options.namespace)))
         server = Server(options, bridge, robot)
         LOGGER.info("%s in %s, start %s, at %s", robot.robot.name, robot.world.name, robot.start, url)
-        server.run(INTERRUPTED)
+        server.run(first_signal())
 
 
 cli = functools.partial(run_program, main, Options)

@@ -1,6 +1,8 @@
 """Commands hold their deadline whatever the driver, the server or the disk do."""
 
 import contextlib
+import gc
+import io
 import json
 import math
 import os
@@ -9,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,8 +23,10 @@ from lidarnaut.envs.logs import messages
 
 pytest.importorskip("websockets")
 
-from lidarnaut.driver import drive, program, viewer
-from lidarnaut.driver.commands import BridgeCommands, CommandProcess, CommandTopic, local_time
+from websockets.sync.server import serve
+
+from lidarnaut.driver import drive, program, rosbridge, viewer
+from lidarnaut.driver.commands import DECISION, BridgeCommands, CommandProcess, CommandTopic, _Sender, local_time
 from lidarnaut.driver.program import time_limited
 from lidarnaut.driver.rosbridge import Rosbridge
 
@@ -71,6 +76,21 @@ def test_after_the_processes_have_stood_still_the_first_command_is_a_stop(server
         os.kill(commands._process.pid, signal.SIGCONT)
         wait_for(lambda: len(server.commands) > count + 5)
         assert set(server.commands[count:]) == {STOP}
+
+
+def test_a_command_that_waits_to_be_sent_becomes_a_stop_when_its_time_is_over(server, monkeypatch):
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(DECISION.pack(0.1, 0.2, 7.0, local_time()))))
+    sender = _Sender(CommandTopic(url=server.url, timeout=1.0))
+    with contextlib.closing(sender._bridge) as bridge:
+        wait_for(lambda: sender._is_over and server.advertised("/cmd_vel"))
+        time.sleep(0.1)
+        monkeypatch.setattr(bridge, "_awake", lambda: None)  # the thread that sends stands still
+        bridge.publish("/cmd_vel", sender._current)
+        time.sleep(1.1)
+        monkeypatch.undo()
+        bridge._awake()
+        wait_for(lambda: server.commands)
+    assert server.commands == [STOP]
 
 
 def test_a_driver_that_is_killed_leaves_a_robot_that_stands(server):
@@ -184,6 +204,97 @@ def test_texts_of_a_server_are_escaped_and_said_once(caplog):
     assert "\x1b" not in caplog.text + bridge.error
 
 
+def test_a_warning_is_given_again_after_a_pause(monkeypatch):
+    now, said = [100.0], []
+    monkeypatch.setattr(rosbridge.time, "monotonic", lambda: now[0])
+    say = rosbridge.said_once(said.append)
+    for time_of_text in (0.0, 4.0, 8.0, 14.0, 15.0):
+        now[0] = 100.0 + time_of_text
+        say(f"goal {time_of_text} is far")
+    assert said == ["goal 0.0 is far", "goal 14.0 is far"]
+    for k in range(300):
+        say("x" * k)
+    assert len(said) == 101
+
+
+def test_wrong_messages_are_said_once_whatever_their_numbers(caplog):
+    def receive(message):
+        raise ValueError(f"x is {message.x}")
+
+    with contextlib.closing(Rosbridge("ws://127.0.0.1:9", is_ready=lambda: False)) as bridge:
+        bridge.subscribe("/odom", "nav_msgs/msg/Odometry", receive)
+        bridge._heard = set()
+        for k in range(100):
+            wrong = {"op": "publish", "topic": "/odom", "msg": {"x": -1.5 * k}}
+            told = {"op": "status", "level": "warning", "id": k}
+            answer = {"op": "service_response", "service": "/rosapi/topic_type", "values": None, "result": False}
+            for data in (wrong, told, told | {"msg": f"{k} \x1b[2J\n" + 10**5 * "x"}, answer, [k], k):
+                bridge._receive(json.dumps(data))
+            bridge._receive(b"\xff\xfe%d" % k)
+    assert len(caplog.messages) <= 8
+    assert max(map(len, caplog.messages)) < 400
+    assert not any("\x1b" in text or "\n" in text for text in caplog.messages)
+    for expected in (
+        "/odom: messages are dropped: ValueError: x is",
+        "server says: None",
+        r"server says: 0 \x1b[2J xx",
+    ):
+        assert caplog.text.count(expected) == 1
+
+
+def test_long_and_many_texts_do_not_keep_the_state_of_the_connection_from_the_driver():
+    def answer(data):
+        if data["op"] == "publish":
+            return {"op": "status", "level": "error", "msg": "\U0001f600" * 10**5 + str(len(server.data))}
+        return None
+
+    with contextlib.closing(Recorder(answer)) as server, commanding(server) as commands:
+        commands.send((0.1, 0.0), 7.0, local_time())
+        wait_for(lambda: len(server.commands) > 20)
+        assert not commands.error
+        server.sockets[0].close(4999, "")
+        wait_for(lambda: commands.error)
+        assert commands._thread.is_alive()
+        wait_for(lambda: not commands.error)
+
+
+def test_the_size_of_messages_that_wait_is_limited(server, monkeypatch):
+    monkeypatch.setattr(rosbridge, "MAX_SIZE", 10**6)
+    received, begins = [], threading.Event()
+    with contextlib.closing(Rosbridge(server.url)) as bridge:
+        bridge.subscribe("/scan", "x/msg/Y", lambda message: (begins.wait(10.0), received.append(message.data[0])))
+        wait_for(lambda: server._subscribers)
+        for k in range(50):
+            server.publish("/scan", {"data": [k, 10**5 * "x"]})
+        wait_for(lambda: bridge._inbox and json.loads(bridge._inbox[-1])["msg"]["data"][0] == 49)
+        assert bridge._inbox_size == sum(map(len, bridge._inbox)) <= 10**6
+        begins.set()
+        wait_for(lambda: received[-1:] == [49])
+        assert len(received) <= 11
+        assert bridge._inbox_size == 0
+
+
+def test_a_server_that_closes_at_once_is_named_once(caplog, monkeypatch):
+    caplog.set_level("INFO")
+    monkeypatch.setattr(rosbridge, "RETRY_PERIOD", 0.01)
+    connections = []
+
+    def close(socket):
+        connections.append(socket)
+        socket.close(4999, f"bye\n{time.monotonic()}")
+
+    server = serve(close, "127.0.0.1", 0, compression=None)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    with contextlib.closing(Rosbridge(f"ws://127.0.0.1:{server.socket.getsockname()[1]}")) as bridge:
+        bridge.subscribe("/scan", "sensor_msgs/msg/LaserScan", lambda message: None)
+        wait_for(lambda: len(connections) > 20)
+    server.shutdown()
+    gc.collect()
+    said = [record.getMessage() for record in caplog.records if not record.name.startswith("websockets")]
+    assert 1 <= len(said) <= 6, said
+    assert "never retrieved" not in caplog.text
+
+
 def test_publishing_never_waits_for_a_server_and_closing_ends_in_time(server):
     big = np.zeros(3_000_000, dtype=np.int8)
     with contextlib.closing(Rosbridge(server.url)) as bridge:
@@ -275,6 +386,28 @@ class Drive:
             thread.join()
 
 
+@pytest.mark.parametrize("wrong", ["false", 0.0, [False], None, 1])
+def test_only_true_of_the_dead_mans_topic_permits_driving(wrong):
+    run = Drive(dead_man="/enable")
+    for data in (True, wrong):
+        run.topics.publish("/enable", SimpleNamespace(data=data))
+        run.step(3)
+        assert run.session.reason == ("" if data is True else "/enable is not true")
+
+
+def test_the_robot_stops_while_the_simulated_clock_stands_still():
+    run = Drive(timeout=0.2)
+    run.step(5)
+    assert run.session.reason == ""
+    time.sleep(0.25)
+    assert run.session.step() == drive.STOP
+    assert run.session.reason == "/clock stands still"
+    run.topics.publish("/clock", messages.clock(run.session.time))
+    assert run.session.step() == drive.STOP
+    run.step(3)
+    assert run.session.reason == ""
+
+
 def test_a_disk_that_fails_ends_the_recording_and_not_the_drive(tmp_path, caplog, monkeypatch):
     run = Drive(record=tmp_path / "drive.mcap", save_map=tmp_path / "map.yaml")
     run.step(5)
@@ -335,6 +468,35 @@ def test_compiled_code_that_never_returns_ends_the_process():
     run = subprocess.run([sys.executable, "-c", code], timeout=60.0, capture_output=True, text=True, check=False)
     assert run.returncode == 1
     assert "Timeout" in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("failure", "reason"),
+    [
+        (lambda self: sys.exit(0), "the policy fails: SystemExit: 0"),
+        (lambda self: {}["a"], "the policy fails: KeyError: 'a'"),
+        (lambda self: (_ for _ in ()).throw(OSError("no file")), "no file"),
+    ],
+)
+def test_a_policy_that_exits_or_fails_is_named_and_is_not_done(failure, reason, server, monkeypatch):
+    monkeypatch.setattr(drive.Session, "step", failure)
+    with pytest.raises((RuntimeError, OSError), match=reason):
+        drive.main(drive.Options(url=server.url, policy="pursuit", dry_run=True))
+
+
+THREAD = """
+import sys, threading, time
+from lidarnaut.driver import drive, program
+def main(options):
+    threading.Thread(target=time.sleep, args=(60.0,)).start()
+    sys.exit(3)
+program.run_program(main, drive.Options)
+"""
+
+
+def test_a_thread_of_a_policy_does_not_keep_the_program():
+    ended = subprocess.run([sys.executable, "-c", THREAD], capture_output=True, timeout=30.0)
+    assert ended.returncode == 3, ended.stderr
 
 
 def test_the_map_is_written_while_driving_and_a_failure_is_said_once(tmp_path, caplog, monkeypatch):
@@ -416,6 +578,15 @@ def test_the_state_is_said_every_ten_seconds(caplog):
     assert len(lines) == 2
     assert "m to the goal 2 0.5" in lines[1]
     assert "1 dropped: imu that is not finite" in lines[1]
+
+
+def test_a_stop_whose_numbers_change_is_said_once(caplog):
+    caplog.set_level("INFO")
+    run = Drive()
+    run.step(3)
+    run.topics.receivers.pop("/clock")
+    run.step(30)
+    assert caplog.text.count("stopped: the clock of the messages is 1.") == 1
 
 
 def test_a_driver_is_imported_on_first_use():

@@ -187,6 +187,27 @@ def test_transforms_that_come_after_the_mount_of_the_robot_yaml_must_not_move_th
     assert ("restart" in frames.explain("no scan for 1.0 s")) != is_same
 
 
+@pytest.mark.parametrize("wrong", [{"child_frame_id": 5}, {"transform": None}, {"header": None}, "rotation", "stamp"])
+def test_a_damaged_transform_leaves_the_others_of_its_message(wrong, caplog):
+    message = edge("base_link", "camera")
+    one = message.transforms[0]
+    if wrong == "rotation":
+        one.transform.rotation.w = None  # not a number, in rosbridge
+    elif wrong == "stamp":
+        one.header.stamp.sec = 10**12
+    else:
+        vars(one).update(wrong)
+    message.transforms += LASER.transforms
+    frames = frames_of()
+    for _ in range(3):
+        frames.add(message, static=True)
+    odometry(frames)
+    frames.receive(scan_of())
+    assert mounts_of(frames.placed(0.0)) == [pytest.approx((0.2, 0.0, 1.5))]
+    assert len(caplog.messages) == 1
+    assert "the transform of frame" in caplog.text
+
+
 def test_a_lidar_on_a_joint_that_moves_is_placed_at_the_time_of_each_scan():
     frames = frames_of()
     frames.add(edge("turret", "laser", 0.1), static=True)

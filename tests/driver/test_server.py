@@ -282,7 +282,8 @@ def test_ctrl_c_ends_the_simulated_robot_and_closes_its_port(monkeypatch):
 
 def test_a_robot_at_a_port_drives_until_the_terminal_is_closed():
     command = [sys.executable, "-m", "lidarnaut.driver.serve", "--port", "0", "--world", "turtlebot3_world"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as program:
+    how = {"stderr": subprocess.PIPE, "text": True, "preexec_fn": lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL)}
+    with subprocess.Popen(command, **how) as program:  # also if the tests are run by `nohup`
         watch = threading.Timer(120.0, program.kill)
         watch.start()
         url = next(line.split()[-1] for line in program.stderr if "start Pose" in line)
