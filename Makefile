@@ -31,8 +31,8 @@ demo: install
 test: install
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
-# Everything that takes longer: damaged inputs, kills, long runs, and the examples for RLlib and TorchRL.
-test-all: test test-libraries
+# Everything that takes longer: damaged inputs, kills, long runs, Ray, and the examples for RLlib and TorchRL.
+test-all: test test-ray test-libraries
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --slow tests/robustness
 
 test-libraries:
