@@ -2,6 +2,7 @@
 
 python train.py --config configs/rooms_small.yaml --seed 1 [--total-steps 100_000] [--hyperparameters.gamma 0.98] ...
 python train.py --config configs/explore_frontiers.yaml --seed 1 [--generations 40] ...
+python train.py --config configs/completion.yaml --seed 1 [--episodes 600] ...
 lidarnaut-train --config explore_frontiers --seed 1     installed package with its configurations
 python train.py --resume runs/rooms_small__1__20250101-120000
 python train.py --environment.id lidarnaut/ReachCrowd-v0 [--algorithm SAC]     the recipe of the id
@@ -26,7 +27,7 @@ from typing import Any
 import gymnasium
 import yaml
 
-from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
+from lidarnaut.agents.config import OTHER_KINDS, TrainingConfig
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.training import train
 from lidarnaut.envs.command_line import begin_command, fail, parse_options, show_log
@@ -45,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--help", "-h", action="store_true")
     args, others = parser.parse_known_args(begin_command(arguments))
     if args.help:
-        for kind in (TrainingConfig, EvolutionConfig):
+        for kind in (TrainingConfig, *OTHER_KINDS.values()):
             with contextlib.suppress(SystemExit):
                 parse_options(kind, ["--help"], description=f"{__doc__}\n{kind.__doc__}")
         return 0

@@ -148,6 +148,13 @@ class CheckpointConfig(Section):
     """Number of newest checkpoints to keep."""
 
 
+def check_families(families: tuple[str, ...]) -> tuple[str, ...]:
+    """Return names of families of generated worlds; ValueError for unknown ones."""
+    if unknown := [name for name in families if name not in SIDES]:
+        raise ValueError(f"unknown family {explain_unknown(unknown[0], SIDES)}")
+    return families
+
+
 class EvolutionConfig(Section):
     """Settings to optimize a linear frontier score by CMA-ES; see `lidarnaut.agents.frontiers.evolution`."""
 
@@ -177,9 +184,45 @@ class EvolutionConfig(Section):
     @field_validator("families")
     @classmethod
     def _know_families(cls, families: tuple[str, ...]) -> tuple[str, ...]:
-        if unknown := [name for name in families if name not in SIDES]:
-            raise ValueError(f"unknown family {explain_unknown(unknown[0], SIDES)}")
-        return families
+        return check_families(families)
+
+
+class CompletionConfig(Section):
+    """Settings to train a network that completes maps; see `lidarnaut.agents.completion.training`."""
+
+    algorithm: Literal["completion"]
+    """Always `completion`, which selects supervised learning instead of reinforcement learning."""
+    experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
+    """Experiment name, the first part of the run folder's name."""
+    seed: int = Field(default=0, ge=0, le=2**63 - 1)
+    """Seed of all random generators."""
+    episodes: Count = 1200
+    """Number of explorations whose maps are completed in training."""
+    validation_episodes: Side = 60
+    """Number of explorations, in training worlds, whose maps are completed in validations."""
+    families: tuple[str, ...] = tuple(SIDES)
+    """Families of generated worlds for explorations; others are worlds of the library."""
+    total_steps: Count = 5000
+    """Number of gradient steps."""
+    batch_size: Side = 16
+    """Number of crops of maps in a gradient step."""
+    crop: Annotated[int, Field(ge=32, le=1024, multiple_of=16)] = 96
+    """Side of a crop, in cells of 0.2 m."""
+    horizon: PositiveFloat = 3.0
+    """Unknown cells count in the loss up to this distance from known floor [m]."""
+    learning_rate: PositiveFloat = 3e-3
+    """Highest learning rate."""
+    validate_every: Count = 500
+    """Number of gradient steps between two validations, each with a checkpoint."""
+    num_workers: Side | None = None
+    """Number of processes that explore; null uses one per core."""
+    torch_threads: Side | None = None
+    """Number of threads of torch; null leaves the number to torch."""
+
+    @field_validator("families")
+    @classmethod
+    def _know_families(cls, families: tuple[str, ...]) -> tuple[str, ...]:
+        return check_families(families)
 
 
 class TrainingConfig(Section):
@@ -220,18 +263,26 @@ class TrainingConfig(Section):
     @classmethod
     def _know_algorithm(cls, algorithm: str) -> str:
         if ":" not in algorithm and algorithm not in ALGORITHMS:
-            known = [*ALGORITHMS, "evolution"]
+            known = [*ALGORITHMS, *OTHER_KINDS]
             raise ValueError(f"unknown algorithm {explain_unknown(algorithm, known)}, or module:attribute of your own")
         return algorithm
 
 
-def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | EvolutionConfig:
-    """Parse a training or evolution configuration from nested mappings; `source` names their origin.
+Config = TrainingConfig | EvolutionConfig | CompletionConfig
+OTHER_KINDS: dict[str, type[EvolutionConfig] | type[CompletionConfig]] = {
+    "evolution": EvolutionConfig,
+    "completion": CompletionConfig,
+}
+"""Configurations that are no reinforcement learning, by algorithm."""
+
+
+def parse_config(data: Mapping[str, Any], source: str) -> Config:
+    """Parse the configuration of a training from nested mappings; `source` names their origin.
 
     Raises:
         ValueError: if a key or value is wrong.
     """
-    kind: Any = EvolutionConfig if data.get("algorithm") == "evolution" else TrainingConfig
+    kind: Any = OTHER_KINDS.get(str(data.get("algorithm")), TrainingConfig)
     return parse_record(data, source, kind)
 
 

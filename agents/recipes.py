@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from lidarnaut.agents.config import (
+    OTHER_KINDS,
     RECIPES,
     DecisionNetworkConfig,
     GaussianNetworkConfig,
@@ -59,7 +60,7 @@ def with_recipe(data: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
     """
     own = {key: value for key, value in data.items() if key != "recipe"}
     sections = [own.get(key) or {} for key in ("environment", "hyperparameters", "network", "evaluation")]
-    if own.get("algorithm") == "evolution" or not all(isinstance(one, Mapping) for one in sections):
+    if own.get("algorithm") in OTHER_KINDS or not all(isinstance(one, Mapping) for one in sections):
         return own, ""  # `parse_config` reports the wrong type
     name, fixed = (data["recipe"], {}) if "recipe" in data else find_recipe(str(sections[0].get("id", EXPLORE)))
     if name is None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, parse_config
+from lidarnaut.agents.config import Config, parse_config
 from lidarnaut.agents.run_folder import CheckpointError, count_done
 from lidarnaut.envs.files import SHORT, read_mapping
 
@@ -12,27 +12,28 @@ MAY_CHANGE = {
     "total_steps": "training, sweep",
     "generations": "evolution, sweep",
     "seeds": "sweep",
-    "validate_every": "evolution",
-    "num_workers": "evolution, sweep",
+    "validate_every": "evolution, completion",
+    "num_workers": "evolution, completion, sweep",
     "environment": "training",
     "environment.id": "",
     **dict.fromkeys(("environment.num_workers", "environment.vectorization"), "training, sweep"),
     "evaluation.every": "training",
-    **dict.fromkeys(("checkpoints", "device", "torch_threads"), "training, sweep"),
+    **dict.fromkeys(("checkpoints", "device"), "training, sweep"),
+    "torch_threads": "training, completion, sweep",
     "hyperparameters": "training",
     **dict.fromkeys((f"hyperparameters.{name}" for name in ("ent_coef", "policy_kwargs", "use_sde")), ""),
 }
-"""Configuration keys, and the kinds of runs (training, evolution, sweep) that can be resumed with a new value; an empty
-text for none. Nested keys without an entry are treated like their parent key."""
+"""Configuration keys, and the kinds of runs (training, evolution, completion, sweep) that can be resumed with a new
+value; an empty text for none. Nested keys without an entry are treated like their parent key."""
 DEFAULT = "the default"
-Config = TrainingConfig | EvolutionConfig | Mapping[str, Any]
+AnyConfig = Config | Mapping[str, Any]
 
 
-def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) -> None:
+def check_changes(now: AnyConfig, kind: str, run: Path, was: AnyConfig | None = None) -> None:
     """Raise CheckpointError if a resumed run changes a configuration key that must stay fixed.
 
-    `kind`: `training`, `evolution` or `sweep`. `run`: folder of the run or checkpoint. `was`: previous configuration;
-    None reads it from `run`.
+    `kind`: `training`, `evolution`, `completion` or `sweep`. `run`: folder of the run or checkpoint. `was`: previous
+    configuration; None reads it from `run`.
     """
     was = was or parse_config(read_mapping(run / "config.yaml"), str(run / "config.yaml"))
     old, new = (one if isinstance(one, Mapping) else one.model_dump(mode="json") for one in (was, now))

@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
+from lidarnaut.agents.config import Config
 from lidarnaut.agents.curves import Row, draw_learning_curve, read_evaluations, result_of
 from lidarnaut.envs.files import Lock, dump_record, explain_unknown, own_folder, read_bytes, read_json, write_file
 
@@ -90,7 +90,7 @@ def find_config(path: str | Path) -> Path:
 
 
 @contextlib.contextmanager
-def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Iterator[Path]:
+def new_run(config: Config, run: Path | None) -> Iterator[Path]:
     """Create and lock a run folder, by default `runs/<experiment>__<seed>__<time>`.
 
     Raises:
@@ -117,7 +117,7 @@ def _new_folder(name: str) -> Path:
             folder = folder.with_name(f"{name}-{number}")
 
 
-def prepare_folder(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
+def prepare_folder(run: Path, config: Config) -> None:
     """Write configuration and versions of libraries to a run folder."""
     versions = {name: version(name) for name in LIBRARIES}
     versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}

@@ -109,7 +109,7 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
         raise ValueError(f"{source}: seeds must be a list of whole numbers, got {seeds!r}")
     base = {key: value for key, value in data.items() if key != "seeds"}
     for seed in seeds:
-        config = parse_config(base | {"seed": seed}, source)
+        config: Any = parse_config(base | {"seed": seed}, source)
         if isinstance(config, TrainingConfig) and members:
             evaluation = config.evaluation.model_copy(update={"references": ()})
             config = config.model_copy(update={"evaluation": evaluation})

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, find_configuration, parse_config
+from lidarnaut.agents.config import CompletionConfig, Config, EvolutionConfig, change, find_configuration, parse_config
 from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.agents.run_folder import GENERATIONS, RECORD_FILE, SWEEP, VERSIONS, find_config
 from lidarnaut.agents.trust import check_names, named_code
@@ -21,7 +21,7 @@ RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, SWEEP, "checkpoints")
 
 
 def train(
-    config: str | Path | Mapping[str, Any] | TrainingConfig | EvolutionConfig | None = None,
+    config: str | Path | Mapping[str, Any] | Config | None = None,
     changes: Mapping[str, Any] | None = None,
     *,
     run: str | Path | None = None,
@@ -42,7 +42,7 @@ def train(
         resume: folder of a run or sweep, or of a checkpoint, to resume. It replaces `config`, except an object.
         trust: modules, or names `module:attribute`, of your own code that the resumed run may import.
         jobs: number of trainings of a sweep that run in parallel on this machine.
-        ray: address of a Ray cluster for sweeps and evolutions.
+        ray: address of a Ray cluster for sweeps, evolutions and completions.
         progress: whether to show progress bars.
 
     Raises:
@@ -63,6 +63,8 @@ def train(
         data = data if config is not None else {**DEFAULTS, **data}
         LOGGER.info("%s", text or "no recipe")
     # Importing torch takes seconds, so report mistakes in the configuration first.
+    if "seeds" in data and data.get("algorithm") == "completion":
+        raise ValueError("seeds are for reinforcement learning and evolutions: train completions one by one, by seed")
     if "seeds" in data:
         from lidarnaut.agents.seeds import train_seeds
 
@@ -72,8 +74,12 @@ def train(
         from lidarnaut.agents.frontiers.evolution import evolve
 
         return evolve(parsed, run=run, resume=resume, ray=ray, progress=progress)
+    if isinstance(parsed, CompletionConfig):
+        from lidarnaut.agents.completion.training import train_completion
+
+        return train_completion(parsed, run=run, resume=resume, ray=ray, progress=progress)
     if ray is not None:
-        raise ValueError("ray supports sweeps and evolutions, not single trainings")
+        raise ValueError("ray supports sweeps, evolutions and completions, not single trainings")
     from lidarnaut.agents.learning import run_training
 
     return run_training(parsed, run=run, resume=resume, trust=trust, progress=progress)

@@ -1,0 +1,1 @@
+"""Completion of maps: a network that predicts the floor beyond what a robot has seen."""
