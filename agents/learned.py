@@ -16,7 +16,7 @@ from lidarnaut.agents.frontiers.score import (
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
 from lidarnaut.baselines import ALL
 from lidarnaut.baselines.policy import Explorer, ObservationPolicy
-from lidarnaut.envs.files import read_bytes
+from lidarnaut.envs.files import printable, read_bytes, read_json
 
 POLICY = "policy"
 
@@ -55,14 +55,27 @@ def load_policy(
     """
     folder = find_policy(policy)
     if (folder / RECORD_FILE).exists():
+        what = "a completion" if is_completion(folder) else "a frontier score"
         if not deterministic:
-            raise CheckpointError(f"{folder} is a frontier score, always deterministic; leave out deterministic")
+            raise CheckpointError(f"{folder} is {what}, always deterministic; leave out deterministic")
+        if is_completion(folder):
+            from lidarnaut.agents.completion.explorer import ForesightExplorer
+
+            return ForesightExplorer.load(folder)  # drives by pursuit
         return (PursuitScoreExplorer if pursuit else ScoreExplorer)(FrontierScore.load(folder))
     if pursuit:
         raise CheckpointError(f"{folder} is not a frontier score, which pursuit requires; use learned:PATH")
     from lidarnaut.agents.explorer import LearnedPolicy
 
     return LearnedPolicy.load(folder, deterministic=deterministic, trust=trust)
+
+
+def is_completion(folder: Path) -> bool:
+    """Return whether a policy folder holds a network that completes maps; CheckpointError if it is unreadable."""
+    try:
+        return read_json(folder / RECORD_FILE).get("kind") == "completion"
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
+        raise CheckpointError(f"{folder} holds no readable policy: {printable(error)}") from error
 
 
 def fingerprint(folder: Path) -> str:

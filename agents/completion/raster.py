@@ -25,7 +25,7 @@ MAX_POINTS = 4000
 """Maximum number of occupied cells that decide about the direction of the walls."""
 COARSE, FINE = math.radians(2.0), math.radians(0.5)
 """Steps of the search for the direction of the walls [rad]."""
-KEPT_BY = 1.03
+KEPT_BY = 1.1
 """The direction changes when another one is better by this factor: predictions at equal angles are comparable."""
 SAMPLES, TRUE_SAMPLES = 4, 3
 """Numbers of points along the side of a cell that sample the map, and the true floor."""
