@@ -32,8 +32,8 @@ test: install
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
 # Everything that takes longer: damaged inputs, kills, long runs, Ray, the examples for RLlib and TorchRL, a newer Python.
-test-all: test test-ray test-libraries test-newer
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --slow tests/robustness
+test-all: install test-ray test-libraries test-newer
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --slow
 
 test-libraries:
 	test -x $(LIBRARIES)/python || $(PYTHON) -m venv .venv-libraries

@@ -1,8 +1,8 @@
 """Estimates with confidence intervals from few episodes, by a bootstrap stratified by world.
 
 Source: Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice" (2021). `Strata` holds
-one array of shape (episodes,) per world. SciPy's `bootstrap` rejects strata of one episode, and `scipy.stats` takes most
-of a second to import.
+one array of shape (episodes,) per world. SciPy's `bootstrap` rejects strata of one episode, and the import of
+`scipy.stats` takes most of a second.
 """
 
 import math
