@@ -195,7 +195,7 @@ class Bomb:
 
 @pytest.mark.parametrize("damages", [("empty", "pickle"), ("flipped bit", "folder")])
 def test_a_damaged_kernel_is_compiled_again(compiled, tmp_path, damages):
-    """One message tells of all of them."""
+    """One message names the first."""
     damaged = []
     for kernel, damage in zip(("shifted", "same"), damages, strict=True):
         (path,) = (tmp_path / "cache").rglob(f"{kernel}-*.nbc")
