@@ -10,7 +10,7 @@ PIP = $(BIN)/python -m pip install --quiet --no-compile --constraint constraints
 INSTALLED := .venv/.installed
 DOCS_INSTALLED := .venv/.installed-docs
 
-.PHONY: install kernels demo test test-all test-libraries test-ray test-python coverage check format docs clean
+.PHONY: install kernels demo test test-all test-libraries test-ray test-python test-newer coverage check format docs clean
 
 install: $(INSTALLED)
 
@@ -31,9 +31,9 @@ demo: install
 test: install
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
-# Everything that takes longer: damaged inputs, kills, long runs, Ray, and the examples for RLlib and TorchRL.
-test-all: test test-ray test-libraries
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --slow tests/robustness
+# Everything that takes longer: damaged inputs, kills, long runs, Ray, the examples for RLlib and TorchRL, a newer Python.
+test-all: install test-ray test-libraries test-newer
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --slow
 
 test-libraries:
 	test -x $(LIBRARIES)/python || $(PYTHON) -m venv .venv-libraries
@@ -54,6 +54,12 @@ test-python:
 		--requirement $(OTHER)/requirements.txt hypothesis pettingzoo pytest pytest-xdist
 	$(OTHER)/bin/python -m pip install --quiet --no-deps --editable .
 	$(OTHER)/bin/python -m pytest --numprocesses 2 --dist worksteal $(TESTS)
+
+# What every environment must hold, with Python 3.13, where there is one. It compiles all kernels anew.
+# With pyenv there is a `python3.13` for this version alone.
+test-newer: export PYENV_VERSION = 3.13
+test-newer:
+	if python3.13 --version; then $(MAKE) test-python PYTHON=python3.13 TESTS=tests/test_contract.py; fi
 
 coverage: install
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --cov

@@ -32,9 +32,9 @@ def compile_kernels() -> None:
                 env.step(env.action_space.sample())
             env.close()
             bar.update()
-        parts = ("scan", "motion", "plan")
-        env = gymnasium.make(explore, world="turtlebot3_world", time_limit=5.0, observations=parts, **kinematic)
+        brief: dict[str, Any] = kinematic | {"world": "turtlebot3_world", "time_limit": 5.0}
         for explorer in explorers:
+            env = gymnasium.make(explore, observations=getattr(explorer, "observations", None), **brief)
             run_episode(env, explorer, seed=0)
             bar.update()
 

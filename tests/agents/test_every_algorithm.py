@@ -18,8 +18,14 @@ from lidarnaut.agents.vec_env import make_env
 from lidarnaut.envs.core import lidar_env_of
 from tests.agents.tiny import CASES, WITH_BUFFER, tiny
 
+SLOW = ("TQC", "CrossQ", "QRDQN")
+"""Algorithms whose trainings run the code of SAC's and DQN's; `test_export.py` trains them, too."""
 
-@pytest.mark.parametrize(("algorithm", "id"), CASES)
+
+@pytest.mark.parametrize(
+    ("algorithm", "id"),
+    [pytest.param(*case, marks=[pytest.mark.slow] * (case[0] in SLOW)) for case in CASES],
+)
 def test_two_updates_go_on_alike_from_a_checkpoint_and_act(algorithm, id, trained, tmp_path):
     config, source = trained(algorithm, id)
     run, copied = (shutil.copytree(source, tmp_path / name) for name in ("run", "copied"))

@@ -102,7 +102,7 @@ def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(data, tmp_path, 
             assert "bugs.py" in kept.read_text()
         assert len(read_table(folder / "sweep.csv")) == 1
         good = good or (folder / "seed_1" / "processor_time").read_text()
-        jobs = "1" if bug == "key" else "2"  # the last bug kills its process
+        jobs = "2" if bug == "exit" else "1"  # the last bug kills its process
         command = ["--resume", str(folder), "--jobs", jobs, "--trust", "bugs", "tests"]
     (tmp_path / "bug").write_text("")
     assert train.main(command) == 0

@@ -37,7 +37,10 @@ def test_one_episode_has_an_interval_of_no_width_and_none_has_no_estimate():
 
 
 def test_success_rate_is_a_share_with_a_wilson_interval():
-    assert success_rate([np.ones(10)])[:4] == pytest.approx((1.0, 1.0 / (1.0 + 3.8415 / 10), 1.0, 10), abs=1e-4)
+    for successes in (0, 3, 10):
+        rate, low, high, n, *_ = success_rate([np.arange(10) < successes])
+        expected = stats.binomtest(successes, 10).proportion_ci(method="wilson")
+        assert (rate, low, high, n) == pytest.approx((successes / 10, expected.low, expected.high, 10))
     assert success_rate([np.array([1, 1, 1, 0]), np.array([1, 1, 1, 1])]).iqm == 7 / 8
 
 

@@ -7,8 +7,9 @@ import pytest
 from gymnasium.envs.registration import load_env_creator
 
 from lidarnaut.envs.navigation import CANDIDATE, Candidates
+from lidarnaut.envs.robots import ROBOT_NAMES
 from lidarnaut.envs.task import SHARED_QUANTITIES, Rewards
-from lidarnaut.envs.worlds import WORLD_NAMES
+from lidarnaut.envs.worlds import BARN_NAMES
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -83,12 +84,17 @@ def test_all_keys_of_robot_files_have_type_and_meaning():
     assert "gyroscope" in gyro[4]
 
 
-def test_the_gallery_shows_worlds_with_sizes_and_sources_and_robots(tmp_path):
+def test_the_gallery_shows_worlds_with_sizes_and_sources_and_robots(tmp_path, monkeypatch):
+    """Of a few worlds: `make docs` draws all."""
     import gallery
 
+    worlds = "turtlebot3_world", "pimouse_arena"
+    for name, names in (("WORLD_NAMES", worlds), ("BARN_NAMES", BARN_NAMES[:1]), ("ROBOT_NAMES", ROBOT_NAMES[:2])):
+        monkeypatch.setattr(gallery, name, names)
+    monkeypatch.setattr(gallery, "FAMILIES", {"rooms": gallery.FAMILIES["rooms"]})
     pages = gallery.pages(tmp_path)
     assert len(list(tmp_path.glob("*.png"))) == sum(text.count(".png") for text in pages.values())
-    assert all(f"- `{name}`: " in pages["worlds.md"] for name in WORLD_NAMES)
+    assert all(f"- `{name}`: " in pages["worlds.md"] for name in worlds)
     assert "8.0 m x 6.8 m; free area 19.7 m² and 13.1 m²; licence: Apache-2.0" in pages["worlds.md"]
 
 

@@ -79,7 +79,7 @@ def test_the_code_of_the_readme_learns_and_explores(capsys, tmp_path, monkeypatc
 
 @pytest.mark.parametrize("algorithm", ["PPO", "RecurrentPPO", "MaskablePPO"])
 def test_policies_are_trained_saved_and_tried(load, algorithm, tmp_path):
-    small = {"total_timesteps": 128, "num_envs": 4, "num_steps": 32, "seconds": 3.0, "num_tests": 1}
+    small = {"total_timesteps": 64, "num_envs": 4, "num_steps": 16, "seconds": 3.0, "num_tests": 1}
     explored = load("sb3_ppo").main(algorithm, **small, out=tmp_path / "policy")
     assert 0.0 < explored <= 1.0
     assert (tmp_path / "policy.zip").exists()

@@ -77,7 +77,7 @@ ALIKE = {
 }
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ALIKE)
 def test_what_looks_alike_stays_lost(name, seed):
     walls, *points = ALIKE[name]

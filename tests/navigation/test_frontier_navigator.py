@@ -124,7 +124,7 @@ def test_long_frontiers_are_split_and_short_ones_wait():
     assert np.diff(x).max() <= 2.0 + 1e-9
     assert np.ptp(x) >= 6.0
     small = room(doors=((0.5, 0.9),))
-    assert len(offered(small, 2.0, 1.0, min_lengths=(10.0,)).candidates) == 0
+    assert len(offered(small, 2.0, 1.0, min_lengths=(10.0, 10.0)).candidates) == 0
     assert len(offered(small, 2.0, 1.0, min_lengths=(10.0, 0.2)).candidates) == 1
 
 

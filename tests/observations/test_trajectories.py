@@ -17,7 +17,7 @@ CROWD = {"world": "hall", "people": 12, "physics": "kinematic", "contact": "cost
 
 def shown(now=(0.0, 0.0), points=NOTHING, people=NOBODY, limits=LIMITS, sees_behind=True):
     out = np.empty((len(TWISTS), at.NUMBERS), dtype=np.float32)
-    points, people = np.asarray(points, dtype=float), np.asarray(people, dtype=float)
+    points, people = np.ascontiguousarray(points, dtype=float), np.asarray(people, dtype=float)
     at.predict_outcomes(now, (*limits, sees_behind), points, people, COMMANDS, out)
     return out
 

@@ -36,7 +36,10 @@ def test_prose_stays_below_the_limit(group):
     assert rate <= LIMIT, "\n".join(hits[:50])
 
 
-@pytest.mark.parametrize("package", ["gymnasium", "scipy.spatial", "stable_baselines3"])
+@pytest.mark.parametrize(
+    "package",
+    ["gymnasium", *(pytest.param(name, marks=pytest.mark.slow) for name in ("scipy.spatial", "stable_baselines3"))],
+)
 def test_established_packages_stay_far_below_the_limit(package):
     """The patterns hit idioms, and not the plain English of the field."""
     if importlib.util.find_spec(package.partition(".")[0]) is None:

@@ -143,7 +143,7 @@ def test_sub_environments_equal_single_ones_bit_for_bit(case, mode):
     with both(f"lidarnaut/{name}-v0", mode, 2, arguments, wrappers) as (ours, theirs):
         assert ours.single_observation_space == theirs.single_observation_space
         assert ours.metadata["autoreset_mode"] == theirs.metadata["autoreset_mode"] == mode
-        for (_, terminated, truncated), info in step_both(ours, theirs, actions_of(ours, 56)):
+        for (_, terminated, truncated), info in step_both(ours, theirs, actions_of(ours, 44)):
             ended += np.count_nonzero(terminated | truncated)
             drawn |= set(info["randomized"]["lidar.noise_std"].tolist()) if "randomized" in info else set()
         assert ours.get_attr("is_fused") == (case not in ("bullet", "abstract", "team frontiers"),) * 3

@@ -75,16 +75,16 @@ def test_narrow_doors(shape, room, pillars, reach):
 
 
 def test_rooms_behind_narrow_doors_take_seconds():
-    """One search per cell took two minutes: seven million cells see no goal."""
+    """One search per cell took half a minute: nearly two million cells see no goal."""
     visible_from(*narrow_doors(30, 30), np.ones((30, 30), dtype=bool), 70.0)
-    free, goals = narrow_doors(5000, 5000, pillars=0.01)
+    free, goals = narrow_doors(2500, 2500, pillars=0.01)
     began = time.process_time()
     visible = visible_from(free, goals, free, 70.0)
-    assert time.process_time() - began < 20.0
+    assert time.process_time() - began < 5.0
     # Blocks of cells at any offset: visibility in a part of the raster depends only on cells within range.
-    free, goals = (cells[2311:2611, 1713:2313].copy() for cells in (free, goals))
+    free, goals = (cells[1311:1611, 713:1313].copy() for cells in (free, goals))
     part = visible_from(free, goals, free, 70.0)
-    np.testing.assert_array_equal(visible[2381:2541, 1783:2243], part[70:-70, 70:-70])
+    np.testing.assert_array_equal(visible[1381:1541, 783:1243], part[70:-70, 70:-70])
 
 
 def test_a_long_search_shows_its_progress(monkeypatch, capsys):

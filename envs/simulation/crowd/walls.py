@@ -35,7 +35,7 @@ def list_walls(
     `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m]. `bounds`: grid area (x_min, y_min, x_max,
     y_max) [m]. `radius`: radius of the largest person [m].
     """
-    x_min, y_min, x_max, y_max = bounds
+    x_min, y_min, x_max, y_max = map(float, bounds)
     rows, cols = math.ceil((y_max - y_min) / CELL) + 1, math.ceil((x_max - x_min) / CELL) + 1
     bodies = np.vstack([np.column_stack([segments, np.zeros(len(segments))]), circles[:, [0, 1, 0, 1, 2]]])
     cells, items = _pairs(bodies, bodies.ravel(), radius + WALL_RANGE, x_min, y_min, rows, cols)
