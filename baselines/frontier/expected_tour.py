@@ -16,13 +16,14 @@ from lidarnaut.baselines.oracle.cover_tour import Cover, count_bits, search_tour
 from lidarnaut.baselines.oracle.cover_viewpoints import views_from
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry.distance_transform import MAX_REACH, squared_distances
 from lidarnaut.envs.navigation import Candidates, GainOverCost, failed_last
 from lidarnaut.envs.navigation.search.astar import SCALE
 from lidarnaut.envs.robots import RobotParams
 
 SPACINGS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
 """Distances between viewpoints, tried in order until there are few enough [m]."""
-MAX_TRIED = 5
+MAX_TRIED = 3
 """Maximum number of viewpoints whose view is computed, divided by the allowed number: most see nothing unknown."""
 UNCONNECTED = 1e4
 """Path length between points that no path connects [m]."""
@@ -230,7 +231,9 @@ class ExpectedTour:
 
     def _viewpoints(self, expected: ExpectedMap, samples: np.ndarray, sight: float) -> tuple[np.ndarray, np.ndarray]:
         """Return cells on a lattice that see samples, shape (n, 2), int64, and what they see, shape (n, words)."""
-        most, cells = self.params.max_viewpoints, np.argwhere(expected.weights > 0)
+        most, reach = self.params.max_viewpoints, min(int(sight), MAX_REACH)
+        is_near = squared_distances(expected.expected > 0.0, reach) <= reach**2
+        cells = np.argwhere((expected.weights > 0) & is_near)
         # Of each square, the first cell counts: one away from walls.
         cells = cells[np.argsort(expected.weights[tuple(cells.T)] // SCALE, kind="stable")]
         for spacing in SPACINGS:
