@@ -123,6 +123,7 @@ class Server:
         """Simulate at the chosen multiple of real time."""
         began, speed = time.monotonic() - self.robot.time / self._options.speed, self._options.speed
         while not is_over.is_set():
+            self._bridge.spin()
             self.step()
             ahead = self.robot.time / speed - (time.monotonic() - began)
             began -= min(ahead, 0.0)  # if too slow, do not catch up
