@@ -110,7 +110,7 @@ class CommandProcess:
         command = [sys.executable, "-m", "lidarnaut.driver.commands", json.dumps(asdict(target))]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
         self._input: Any = self._process.stdin
-        os.set_blocking(self._input.fileno(), False)
+        os.set_blocking(self._input.fileno(), False)  # type: ignore[union-attr]
         self._thread = threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True)
         self._thread.start()
 

@@ -27,13 +27,13 @@ from lidarnaut.envs.robots import LidarParams, Mount, RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.worlds import save_map
 from lidarnaut.envs.worlds.map_files import map_paths
+from lidarnaut.envs.wrappers.record_bag import BagRecorder
 
 from .commands import BridgeCommands, CommandProcess, CommandTopic, local_time
 from .driver import STOP, Driver
 from .frames import Frames
 from .program import Clock, first_signal, ignore_signals, run_program, time_limited
 from .progress import Progress
-from .recorder import SafeRecorder
 from .rosbridge import Rosbridge
 from .viewer import Viewer
 
@@ -147,10 +147,10 @@ class Session:
         self._robot = replace(robot, lidar=lidar, max_v=min(max_v, robot.max_v), max_w=min(max_w, robot.max_w))
         self.driver = self._make_driver(self._robot)
         """Driver; replaced at the first scan with `lidar_from_messages`."""
-        self._recorder: SafeRecorder | None = None
+        self._recorder: BagRecorder | None = None
         self._waits_for_lidar = options.lidar_from_messages
         if not self._waits_for_lidar:
-            self._record()
+            self._start_recording()
         self._frames = Frames(options, lidar)
         self._permitted, self._listened = -math.inf, time.monotonic()  # messages that come next are not older
         self._sim_time, self._ticked, self._progress = math.nan, math.inf, Progress(options.goal)
@@ -167,25 +167,31 @@ class Session:
     def _make_driver(self, robot: RobotParams) -> Driver:
         o = self.options
         has_goal = (o.goal or o.map) is not None or o.policy in OFFERED["goal"].keys() - EXPLORERS.keys()
-        makers = OFFERED["goal"] if has_goal else EXPLORERS
-        policy = parse_policy(o.policy, makers, trust=o.trust).make()
-        id = policy.id or ("lidarnaut/ReachGoal-v0" if has_goal else None)
-        arguments: dict[str, Any] = {"timeout": o.timeout, "seed": o.seed, "odometry_scales": o.odometry_scales}
+        policy = parse_policy(o.policy, OFFERED["goal"] if has_goal else EXPLORERS, trust=o.trust).make()
         if o.map is None:
-            arguments["slam"] = o.slam
+            task: dict[str, Any] = {"id": policy.id or ("lidarnaut/ReachGoal-v0" if has_goal else None), "slam": o.slam}
         else:
-            pose = "unknown" if o.initial_pose is None else o.initial_pose
-            id, arguments = "lidarnaut/Navigate-v0", arguments | {"map": o.map, "initial_pose": pose}
-        arguments["gyro"] = o.imu_topic is not None
-        hz = policy.control_hz or o.control_hz
-        driver = Driver(policy, robot, id=id, control_hz=hz, **arguments)
+            task = {"id": "lidarnaut/Navigate-v0", "map": o.map, "initial_pose": o.initial_pose or "unknown"}
+        how: Any = {"timeout": o.timeout, "odometry_scales": o.odometry_scales, "seed": o.seed}
+        hz, gyro = policy.control_hz or o.control_hz, o.imu_topic is not None
+        driver = Driver(policy, robot, control_hz=hz, gyro=gyro, **how, **task)
         if o.goal is not None:
             driver.goal(*o.goal)
         return driver
 
-    def _record(self) -> None:
+    def _start_recording(self) -> None:
         if self.options.record is not None:
-            self._recorder = SafeRecorder(self.driver.env, self.options.record)
+            env = self.driver.env
+            self._recorder = BagRecorder(env, self.options.record)
+            self._write, env.on_period = env.on_period, self._record
+
+    def _record(self, commands: Any) -> None:
+        """Record a control period; the recording ends, and not the drive, if that fails, as on a full disk."""
+        self._try("recording", functools.partial(self._write, commands))  # type: ignore[misc]
+        if "recording" in self._failures and self._recorder is not None:
+            with contextlib.suppress(Exception):
+                self._recorder.close()
+            self._recorder = self.driver.env.on_period = None
 
     def _subscribe(self) -> None:
         o, bridge = self.options, self._bridge
@@ -254,7 +260,7 @@ class Session:
             if self._waits_for_lidar:
                 self.driver = self._make_driver(replace(self._robot, lidar=_lidar_of(scan, self._robot.lidar)))
                 self._waits_for_lidar = False
-                self._record()
+                self._start_recording()
             self.driver.scan(*_on_beams(scan, self.driver.robot.lidar))
 
     def _on_goal(self, message: Any) -> None:
@@ -265,14 +271,14 @@ class Session:
             return
         if frame and frame in (frames.odom, frames.base) and driver.has_begun:
             goal = (driver.map_to_odometry if frame == frames.odom else driver.belief.pose).compose(goal)
-        elif not frames.is_expected("goal", frame, frames.map, once=False):
+        elif not frames.is_expected("goal", frame, frames.map):
             return
         if not driver.takes_headings:  # RViz always sends one
             LOGGER.warning("learned policies do not turn to headings: that of the goal is ignored")
         driver.goal(goal.x, goal.y, goal.theta if driver.takes_headings else None)
 
     def _on_initial_pose(self, message: Any) -> None:
-        if self._frames.is_expected("initial pose", message.header.frame_id, self._frames.map, once=False):
+        if self._frames.is_expected("initial pose", message.header.frame_id, self._frames.map):
             pose = pose_of(message.pose.pose.position, message.pose.pose.orientation)
             self.driver.initial_pose(*pose, getattr(message.pose, "covariance", None))
 

@@ -14,11 +14,11 @@ from lidarnaut.envs.logs.scans import MAX_RANGE_LIMIT, Limits, Scan, in_base_fra
 from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
 from lidarnaut.envs.robots import LidarParams
 
-from .rosbridge import without_numbers
+from .rosbridge import said_once
 
 LOGGER = logging.getLogger(__name__)
-MAX_WAITING, MAX_TRANSFORMS, MAX_SAID = 20, 1000, 100
-"""Maximum numbers of scans that wait for a transform, of transforms per pair of frames, and of different warnings."""
+MAX_WAITING, MAX_TRANSFORMS = 20, 1000
+"""Maximum numbers of scans that wait for a transform, and of transforms per pair of frames."""
 WAIT_FOR_TREE, WAIT_FOR_TRANSFORM = 3.0, 5.0
 """Time without any transform until the robot YAML places sensors, and without that of a sensor until a warning [s]."""
 SAME_MOUNT = 0.05
@@ -26,9 +26,10 @@ SAME_MOUNT = 0.05
 NEGLIGIBLE = 1e-6
 """Components of an angular velocity with smaller weights are not used, and may be invalid."""
 FAULTS = {
-    "scans": "scans wait: no transform from %r (--base-frame) to %r; --lidar-from-robot uses that of the robot YAML",
-    "IMU": "the IMU is not used: no fixed transform from %r to %r",
-    "odometry": "odometry is not used: no fixed transform from %r to --base-frame %r",
+    "scans": "scans wait: no transform from {!r} (--base-frame) to {!r}; "
+    "--lidar-from-robot uses that of the robot YAML",
+    "IMU": "the IMU is not used: no fixed transform from {!r} to {!r}",
+    "odometry": "odometry is not used: no fixed transform from {!r} to --base-frame {!r}",
 }
 DEFAULTS = {"scans": "the mount of the robot YAML is used", "IMU": "the IMU counts as upright"}
 
@@ -41,14 +42,15 @@ class Frames:
         self.map, self.odom = frame_name(options.map_frame), frame_name(options.odom_frame)
         self.base, self.laser = frame_name(options.base_frame), frame_name(options.laser_frame)
         """Names of base and lidar frame; empty while unknown."""
-        self._options, self._lidar, self._has_default = options, lidar, False
+        self._options, self._lidar, self._has_default, self._is_late = options, lidar, False, False
+        self._warn = said_once(LOGGER.warning)
         self._mount, mount = np.eye(4), lidar.mount
         self._mount[:3, :3] = Rotation.from_euler("z", mount.yaw).as_matrix()
         self._mount[:3, 3] = mount.x, mount.y, mount.z
         self._tree, self._has_tree = FrameTree(MAX_TRANSFORMS), False
         self._fixed: dict[tuple[str, str], np.ndarray] = {}
         self._waiting = deque[Scan](maxlen=MAX_WAITING)
-        self._stamp, self._began, self._said = -math.inf, dict[str, float](), set[str]()
+        self._stamp, self._began = -math.inf, dict[str, float]()
 
     def add(self, message: Any, *, static: bool) -> None:
         """Add the transforms of a TFMessage; those of localization and odometry do not place sensors."""
@@ -60,15 +62,13 @@ class Frames:
                     self._fixed.clear()
                     self._tree.add(one, static)
             except (AttributeError, TypeError, ValueError, OverflowError) as error:  # the others count, as in tf2
-                child = getattr(one, "child_frame_id", None)
-                self._say(f"transform {child}", "the transform of frame %r is ignored: %s", child, error)
+                self._warn(f"the transform of frame {getattr(one, 'child_frame_id', None)!r} is ignored: {error}")
 
-    def is_expected(self, what: str, given: str | None, frame: str, *, once: bool = True) -> bool:
+    def is_expected(self, what: str, given: str | None, frame: str) -> bool:
         """Return whether messages are of a frame, or of none; otherwise give a warning."""
         if (given := frame_name(given)) in ("", frame):
             return True
-        text = "%s: messages of frame %r are ignored, expected %r; see the options of frames"
-        self._say(f"{what} {given}" if once else "", text, what, given, frame)
+        self._warn(f"{what}: messages of frame {given!r} are ignored, expected {frame!r}; see the options of frames")
         return False
 
     def base_pose(self, child: str | None, pose: Pose2D, now: float) -> Pose2D | None:
@@ -77,7 +77,7 @@ class Frames:
         if not self._options.base_frame:
             if not (self.base or child) and (names := set(BASE_FRAMES) & set(self._tree.frames)):
                 child = min(names, key=BASE_FRAMES.index)
-                self._say("child", "odometry has no child_frame_id: %r of the transforms is the base", child)
+                self._warn(f"odometry has no child_frame_id: {child!r} of the transforms is the base")
             self.base = self.base or child
             return pose if self.is_expected("odometry", child, self.base) else None
         if child in ("", self.base):
@@ -110,8 +110,8 @@ class Frames:
         interval, self._stamp = stamp - self._stamp, stamp
         checked = with_checked_times(scan, interval if interval > 0.0 else math.inf)
         if checked is not scan:
-            text = "time_increment of scans is ignored: %g s for each of %d beams, but %.3g s between scans"
-            self._say("time_increment", text, increment, len(ranges), interval)
+            beam = f"{increment:g} s for each of {len(ranges)} beams"
+            self._warn(f"time_increment of scans is ignored: {beam}, but {interval:.3g} s between scans")
         self._waiting.append(checked)
 
     def placed(self, now: float) -> list[Scan]:
@@ -124,7 +124,8 @@ class Frames:
             if mount is None:
                 break
             if self._has_default and not np.allclose(mount[:2], self._mount[:2], rtol=0.0, atol=SAME_MOUNT):
-                self._say("late", "the lidar's transform is late, and not the mount used so far: restart")
+                self._warn("the lidar's transform is late, and not the mount used so far: restart")
+                self._is_late = True
                 break
             self._has_default |= mount is self._mount
             placed += self._usable(self._waiting.popleft(), mount)
@@ -134,13 +135,10 @@ class Frames:
         """Return the reason of a stop, and what scans wait for."""
         if not (self._waiting and reason.startswith("no scan")):
             return reason
-        wanted = (
-            f"a transform from {self.base!r} to {self.laser!r}"
-            if self.base
-            else "odometry with a child frame, or --base-frame"
-        )
-        wanted = "a restart" if "late" in self._said else wanted
-        return f"{reason} (scans wait for {wanted})"
+        wanted = f"a transform from {self.base!r} to {self.laser!r}"
+        if not self.base:
+            wanted = "odometry with a child frame, or --base-frame"
+        return f"{reason} (scans wait for {'a restart' if self._is_late else wanted})"
 
     def _find(
         self, what: str, base: str, frame: str, time: float, now: float, default: np.ndarray | None = None
@@ -161,29 +159,28 @@ class Frames:
         if not began <= now:  # not waited yet, or the clock has stepped back
             began = self._began[what] = now
         if default is not None and not self._has_tree and now - began >= WAIT_FOR_TREE:
-            self._say(f"default {what}", "there are no transforms on /tf_static: %s", DEFAULTS[what])
+            self._warn(f"there are no transforms on /tf_static: {DEFAULTS[what]}")
             return default
         if now - began >= WAIT_FOR_TRANSFORM:
             frames = [f"{name!r} (invalid)" if name in self._tree.ignored else repr(name) for name in self._tree.frames]
-            self._say(what, f"{FAULTS[what]}; frames with transforms: %s", base, frame, ", ".join(frames) or "none")
+            fault = FAULTS[what].format(base, frame)
+            self._warn(f"{fault}; frames with transforms: {', '.join(frames) or 'none'}")
         return None
 
     def _usable(self, scan: Scan, mount: np.ndarray) -> list[Scan]:
         """Return the scan in the base frame, with counter-clockwise beams; none, and a warning, if it is unusable."""
-        if (upright := abs(mount[2, 2])) < MIN_UPRIGHT:
-            self._say(
-                "tilt", "scans are dropped: the lidar is tilted by %.0f degrees", math.degrees(math.acos(upright))
-            )
-            return []
         try:
+            if (upright := abs(mount[2, 2])) < MIN_UPRIGHT:
+                tilt = math.degrees(math.acos(upright))
+                raise ValueError(f"scans are dropped: the lidar is tilted by {tilt:.0f} degrees")
             return usable_scans([in_base_frame(scan, mount)], Limits())[0]
         except ValueError as error:
-            self._say(without_numbers(str(error)), "%s", error)
+            self._warn(str(error))
             return []
 
     def _limits(self, message: Any) -> tuple[float, float]:
         """Return minimum and maximum range of a scan [m]; those of the robot YAML for invalid ones."""
-        given = low, high = number(message, "range_min"), number(message, "range_max")
+        low, high = given = number(message, "range_min"), number(message, "range_max")
         if not 0.0 < high <= MAX_RANGE_LIMIT:
             high = min(self._lidar.range_max, MAX_RANGE_LIMIT)
         if not 0.0 < low < high:
@@ -191,14 +188,9 @@ class Frames:
         if not low < high:  # limits that were swapped
             high = self._lidar.range_max
         if (low, high) != given:
-            self._say("limits", "scans have ranges from %g to %g m: those from %g to %g m are used", *given, low, high)
+            used = f"those from {low:g} to {high:g} m are used"
+            self._warn(f"scans have ranges from {given[0]:g} to {given[1]:g} m: {used}")
         return low, high
-
-    def _say(self, key: str, text: str, *values: Any) -> None:
-        """Give a warning, once unless the key is empty."""
-        if key not in self._said and len(self._said) < MAX_SAID:
-            self._said |= {key} - {""}
-            LOGGER.warning(text, *values)
 
 
 def number(message: Any, name: str) -> float:

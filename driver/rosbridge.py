@@ -91,8 +91,8 @@ class Rosbridge:
         self._inbox, self._inbox_size, self._lock = deque[str | bytes](), 0, threading.Lock()
         # The rest is used by the thread alone.
         self._topics: dict[tuple[str, str], dict[str, Any]] = {}
-        self._latched: dict[str, Any] = {}
-        self._outgoing: dict[str, deque[Any]] = {}
+        self._latched: dict[str, dict[str, Any]] = {}
+        self._outgoing: dict[str, deque[dict[str, Any]]] = {}
         self._refused, self._largest = set[str](), (0, "")
         self._loop, self._wake, self._closing = asyncio.new_event_loop(), asyncio.Event(), asyncio.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -154,28 +154,23 @@ class Rosbridge:
             self._outgoing.setdefault("", deque()).append(data)
 
     def _put(self, topic: str, message: Any) -> None:
-        is_latched = self._topics["advertise", topic]["latch"]
         if topic in self._refused:
             return
+        is_latched = self._topics["advertise", topic]["latch"]  # rosbridge warns if messages do not repeat it
+        data = {"op": "publish", "topic": topic, "msg": message, "latch": is_latched}
         if is_latched:
-            self._latched[topic] = message
+            self._latched[topic] = data
         if not self.error:
-            self._outgoing.setdefault(topic, deque(maxlen=1 if is_latched else MAX_WAITING)).append(message)
+            self._outgoing.setdefault(topic, deque(maxlen=1 if is_latched else MAX_WAITING)).append(data)
 
-    def _take(self) -> dict[str, Any] | None:
+    def _take(self) -> dict[str, Any]:
         """Return what is to be sent next: operations first, then one message of each topic in turn."""
-        topic = next(iter(self._outgoing), None) if "" not in self._outgoing else ""
-        if topic is None:
-            return None
+        topic = "" if "" in self._outgoing else next(iter(self._outgoing))
         waiting = self._outgoing.pop(topic)
-        content = waiting.popleft()
+        data = waiting.popleft()
         if waiting:
             self._outgoing[topic] = waiting
-        if topic == "":
-            return content
-        content = content() if callable(content) else content
-        latch = self._topics["advertise", topic]["latch"]  # rosbridge warns if messages do not repeat it
-        return {"op": "publish", "topic": topic, "msg": content, "latch": latch}
+        return data | {"msg": data["msg"]()} if callable(data.get("msg")) else data
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -210,19 +205,21 @@ class Rosbridge:
                 await asyncio.wait_for(self._closing.wait(), pause)
 
     async def _use(self, socket: ClientConnection) -> None:
-        self._outgoing = {topic: deque([message], maxlen=1) for topic, message in self._latched.items()}
+        self._outgoing = {topic: deque([data], maxlen=1) for topic, data in self._latched.items()}
         if self._topics:
             self._outgoing[""] = deque(self._topics.values())
         self._unheard, self._patience_ends = set(self._expected), time.monotonic() + PATIENCE
         self._largest, self.error = (0, ""), ""
-        tasks = {asyncio.create_task(each) for each in (self._read(socket), self._write(socket))}
-        for task in tasks:
-            task.add_done_callback(_take_error)
-        done, others = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in others:
-            task.cancel()
-        for task in done:
-            task.result()
+        reading = asyncio.create_task(self._read(socket))
+        reading.add_done_callback(_take_error)
+        reading.add_done_callback(lambda _: self._wake.set())
+        while not reading.done() and (self._outgoing or not self._closing.is_set()):
+            while self._outgoing:
+                await self._write(socket, self._take())
+            await self._wake.wait()
+            self._wake.clear()
+        if reading.done():
+            reading.result()
 
     async def _read(self, socket: ClientConnection) -> None:
         async for text in socket:
@@ -232,30 +229,26 @@ class Rosbridge:
                 while len(self._inbox) > MAX_WAITING or self._inbox_size > MAX_SIZE:
                     self._inbox_size -= len(self._inbox.popleft())
 
-    async def _write(self, socket: ClientConnection) -> None:
-        """Send messages in turn; a message of which nothing leaves for `MAX_SILENCE` ends the connection."""
-        while not self._closing.is_set() or self._outgoing:
-            while (data := self._take()) is not None:
-                try:
-                    text = json.dumps(to_json(data))
-                except (TypeError, ValueError, RecursionError) as error:
-                    LOGGER.warning("%s: a message cannot be sent: %s", data.get("topic"), error)
-                    continue
-                self._largest = max(self._largest, (len(text), data.get("topic", "")))
-                sending, left = asyncio.ensure_future(socket.send(text)), math.inf
-                sending.add_done_callback(_take_error)
-                while not (await asyncio.wait({sending}, timeout=0.75 * MAX_SILENCE))[0]:
-                    if (size := socket.transport.get_write_buffer_size()) >= left:
-                        socket.transport.abort()
-                        raise ConnectionError(f"the server takes no data, with {size} bytes left")
-                    left = size
-                sending.result()
-            await self._wake.wait()
-            self._wake.clear()
+    async def _write(self, socket: ClientConnection, data: dict[str, Any]) -> None:
+        """Send a message; end the connection if nothing of it leaves for `MAX_SILENCE`."""
+        try:
+            text = json.dumps(to_json(data))
+        except (TypeError, ValueError, RecursionError) as error:
+            LOGGER.warning("%s: a message cannot be sent: %s", data.get("topic"), error)
+            return
+        self._largest = max(self._largest, (len(text), data.get("topic", "")))
+        sending, left = asyncio.ensure_future(socket.send(text)), math.inf
+        sending.add_done_callback(_take_error)
+        while not (await asyncio.wait({sending}, timeout=0.75 * MAX_SILENCE))[0]:
+            if (size := socket.transport.get_write_buffer_size()) >= left:
+                socket.transport.abort()
+                raise ConnectionError(f"the server takes no data, with {size} bytes left")
+            left = size
+        sending.result()
 
     def _receive(self, text: str | bytes) -> None:
         try:
-            data, name, content = json.loads(text), None, None
+            data, name, content = json.loads(text), "", None
             if data["op"] == "publish":
                 name, content = data["topic"], data["msg"]
             elif data["op"] == "service_response":
