@@ -143,14 +143,12 @@ class CommandProcess:
         self.error = ENDED
 
 
-class _Sender:
+class _Sender(BridgeCommands):
     """The work of the process."""
 
     def __init__(self, target: CommandTopic) -> None:
-        self._target, self._newest = target, NEVER
-        self._log = said_once(lambda text: self._tell(log=text))
-        self._bridge = Rosbridge(target.url, target.namespace, on_status=self._on_status)
-        self._commands = BridgeCommands(self._bridge, target)
+        super().__init__(Rosbridge(target.url, target.namespace, on_status=self._on_status), target)
+        self._newest, self._log = NEVER, said_once(lambda text: self._tell(log=text))
 
     def _tell(self, **what: str) -> None:
         with contextlib.suppress(OSError):  # the driver has ended, or does not read
@@ -162,14 +160,14 @@ class _Sender:
             self._take_type(text)
 
     def _take_type(self, text: str) -> None:
-        if self._commands.use_type(text):
+        if self.use_type(text):
             self._tell(log=f"commands are sent with the type of {self._target.topic} that the server names: {text}")
 
     def _current(self) -> dict[str, Any]:
         """Return the command at the time at which it is sent: this process may have stood still in between."""
         v, w, stamp, decided = self._newest
         age = local_time() - decided
-        return self._commands.message((v, w) if age <= self._target.timeout else (0.0, 0.0), stamp + age)
+        return self.message((v, w) if age <= self._target.timeout else (0.0, 0.0), stamp + age)
 
     def run(self) -> None:
         """Send commands until the input ends, then stops."""
@@ -188,7 +186,7 @@ class _Sender:
                 topic = {"topic": self._target.topic}
                 self._bridge.ask("/rosapi/topic_type", topic, lambda found: self._take_type(shortened(found.type)))
         if self._newest != NEVER:
-            self._commands.close()
+            self.close()
         self._bridge.close()
 
 

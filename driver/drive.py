@@ -183,11 +183,12 @@ class Session:
         if self.options.record is not None:
             env = self.driver.env
             self._recorder = BagRecorder(env, self.options.record)
-            self._write, env.on_period = env.on_period, self._record
+            self._write: Any = env.on_period
+            env.on_period = self._record
 
     def _record(self, commands: Any) -> None:
         """Record a control period; the recording ends, and not the drive, if that fails, as on a full disk."""
-        self._try("recording", functools.partial(self._write, commands))  # type: ignore[misc]
+        self._try("recording", functools.partial(self._write, commands))
         if "recording" in self._failures and self._recorder is not None:
             with contextlib.suppress(Exception):
                 self._recorder.close()

@@ -10,8 +10,16 @@ from scipy.spatial.transform import Rotation
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs.bag import BASE_FRAMES
-from lidarnaut.envs.logs.scans import MAX_RANGE_LIMIT, Limits, Scan, in_base_frame, usable_scans, with_checked_times
-from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
+from lidarnaut.envs.logs.scans import (
+    MAX_RANGE_LIMIT,
+    Limits,
+    Scan,
+    in_base_frame,
+    scan_of,
+    usable_scans,
+    with_checked_times,
+)
+from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, planar
 from lidarnaut.envs.robots import LidarParams
 
 from .rosbridge import said_once
@@ -96,21 +104,16 @@ class Frames:
 
     def receive(self, message: Any) -> None:
         """Receive a scan, which waits for its transform."""
-        frame, stamp = frame_name(message.header.frame_id), seconds(message.header.stamp)
+        frame = frame_name(message.header.frame_id)
         self.laser = self.laser or frame
         if not self.is_expected("scans", frame, self.laser):
             return
-        missing = math.nan if self._options.no_return == "nan" else math.inf
-        given = [] if message.ranges is None else message.ranges
-        with np.errstate(over="ignore"):  # out of range
-            ranges = np.array([missing if each is None else each for each in given], dtype=np.float32)
-        beams = number(message, "angle_min"), number(message, "angle_increment"), *self._limits(message)
-        increment = float(getattr(message, "time_increment", None) or 0.0)
-        scan = Scan(ranges, *beams, time=stamp, time_increment=increment)
-        interval, self._stamp = stamp - self._stamp, stamp
+        null = math.nan if self._options.no_return == "nan" else math.inf
+        scan = self._with_limits(scan_of(message, null))
+        interval, self._stamp = scan.time - self._stamp, scan.time
         checked = with_checked_times(scan, interval if interval > 0.0 else math.inf)
         if checked is not scan:
-            beam = f"{increment:g} s for each of {len(ranges)} beams"
+            beam = f"{scan.time_increment:g} s for each of {len(scan.ranges)} beams"
             self._warn(f"time_increment of scans is ignored: {beam}, but {interval:.3g} s between scans")
         self._waiting.append(checked)
 
@@ -178,9 +181,9 @@ class Frames:
             self._warn(str(error))
             return []
 
-    def _limits(self, message: Any) -> tuple[float, float]:
-        """Return minimum and maximum range of a scan [m]; those of the robot YAML for invalid ones."""
-        low, high = given = number(message, "range_min"), number(message, "range_max")
+    def _with_limits(self, scan: Scan) -> Scan:
+        """Return a scan with the range limits of the robot YAML for invalid ones."""
+        low, high = given = scan.range_min, scan.range_max
         if not 0.0 < high <= MAX_RANGE_LIMIT:
             high = min(self._lidar.range_max, MAX_RANGE_LIMIT)
         if not 0.0 < low < high:
@@ -190,10 +193,4 @@ class Frames:
         if (low, high) != given:
             used = f"those from {low:g} to {high:g} m are used"
             self._warn(f"scans have ranges from {given[0]:g} to {given[1]:g} m: {used}")
-        return low, high
-
-
-def number(message: Any, name: str) -> float:
-    """Return a number of a message; NaN if it is null or absent."""
-    value = getattr(message, name, None)
-    return math.nan if value is None else float(value)
+        return scan._replace(range_min=low, range_max=high)
