@@ -567,6 +567,18 @@ def test_a_drive_ends_by_itself(caplog):
     assert run.robot.time < 40.0
 
 
+def test_jumps_of_the_clock_do_not_count_for_the_time_limit():
+    run = Drive()
+    run.step(6)
+    progress, now = run.session._progress, run.session.time
+    before = progress.elapsed
+    assert before == pytest.approx(0.5)
+    for step in (0.1, 1000.0, -500.0, 0.1):
+        now += step
+        progress.note(run.session.driver, now)
+    assert progress.elapsed == pytest.approx(before + 0.2)
+
+
 def test_the_state_is_said_every_ten_seconds(caplog):
     caplog.set_level("INFO")
     run = Drive(policy="mppi", goal=(2.0, 0.5))
