@@ -152,7 +152,7 @@ class Session:
         if not self._waits_for_lidar:
             self._start_recording()
         self._frames = Frames(options, lidar)
-        self._permitted, self._listened = -math.inf, time.monotonic()  # messages that come next are not older
+        self._permitted, self._waited = -math.inf, 0.0  # messages may have waited in `run` for that time
         self._sim_time, self._ticked, self._progress = math.nan, math.inf, Progress(options.goal)
         self._saved, self._failures = local_time(), dict[str, str]()
         self.reason = "no scan yet"
@@ -222,7 +222,7 @@ class Session:
             self._sim_time, self._ticked = time_now, time.monotonic()
 
     def _on_dead_man(self, message: Any) -> None:
-        self._permitted = self._listened if message.data is True else -math.inf
+        self._permitted = time.monotonic() - self._waited if message.data is True else -math.inf
 
     def _on_static(self, message: Any) -> None:
         self._frames.add(message, static=True)
@@ -285,7 +285,7 @@ class Session:
 
     def step(self) -> Twist:
         """Send the next command, and estimates for RViz; return the command."""
-        now, began, driver, self._listened = self.time, local_time(), self.driver, time.monotonic()
+        now, began, driver = self.time, local_time(), self.driver
         if self._waits_for_lidar or math.isnan(now):
             self.reason = self._frames.explain("no scan yet")
             return STOP
@@ -319,11 +319,11 @@ class Session:
         Ends when `is_over` is set, when the task is done, or at the time limit; returns False in the last case. Each
         step but the first one, which compiles kernels, is within a context of `watch`.
         """
-        due, stepped, limit = -math.inf, 0.0, self.options.time_limit or math.inf
+        due, stepped, spun, limit = -math.inf, 0.0, time.monotonic(), self.options.time_limit or math.inf
         while not is_over.is_set():
+            self._waited, spun = time.monotonic() - spun, time.monotonic()
             for bridge in self._bridges:
                 bridge.spin()
-            self._listened = time.monotonic()
             period = self.driver.env.control_period
             now, is_frozen = self.time, time.monotonic() - stepped > 0.5 * self.options.timeout
             if now >= due or now < due - 1.0 or is_frozen:
