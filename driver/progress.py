@@ -12,7 +12,7 @@ from .rosbridge import without_numbers
 LOGGER = logging.getLogger(__name__)
 REPORT_PERIOD = 10.0
 """Time between lines about the state [s]."""
-MAX_STEP = 30.0
+MAX_STEP = 10.0
 """Longer steps of the clock are jumps [s]."""
 SETTLED = 5.0
 """A policy that finds nothing more to do for this time is done [s]."""

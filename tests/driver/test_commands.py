@@ -375,6 +375,8 @@ class Drive:
                 self.publish()
                 self.robot.step(drive.STOP)
                 time.sleep(0.002)
+                while len(self.topics.waiting) > 30 and not is_over.is_set():  # the first decision compiles
+                    time.sleep(0.002)
             is_over.set()
 
         thread = threading.Thread(target=simulate)
