@@ -4,6 +4,7 @@ import contextlib
 import functools
 import logging
 import math
+import signal
 import sys
 import threading
 import time
@@ -32,7 +33,7 @@ from lidarnaut.envs.wrappers.record_bag import BagRecorder
 from .commands import BridgeCommands, CommandProcess, CommandTopic, local_time
 from .driver import STOP, Driver
 from .frames import Frames
-from .program import Clock, first_signal, ignore_signals, run_program, time_limited
+from .program import Clock, first_signal, handle_signals, run_program, time_limited
 from .progress import Progress
 from .rosbridge import Rosbridge
 from .viewer import Viewer
@@ -304,9 +305,9 @@ class Session:
         return command
 
     def _why_held(self) -> str:
-        errors = [self._bridge.error, *([] if self._commands is None else [self._commands.error])]
-        if error := next(filter(None, errors), ""):
-            return f"no connection: {error}"
+        for connection in (self._bridge, self._commands):
+            if connection is not None and connection.error:
+                return f"no connection: {connection.error}"
         if self.options.dead_man is not None and time.monotonic() - self._permitted > DEAD_MAN_TIME:
             return f"{self.options.dead_man} is not true"
         if time.monotonic() - self._ticked > self.options.timeout:
@@ -420,16 +421,11 @@ def main(options: Options) -> None:
     with contextlib.suppress(KeyboardInterrupt), contextlib.ExitStack() as held:
         viewer = held.enter_context(contextlib.closing(Rosbridge(o.url, o.namespace)))
         commands = None if o.dry_run else held.enter_context(contextlib.closing(CommandProcess(command_topic(o))))
-        expected = [o.scan_topic, o.odom_topic, *([] if o.imu_topic is None else [o.imu_topic])]
-
-        def is_ready() -> bool:
-            return not (viewer.error or (commands is not None and commands.error))
-
-        bridge = held.enter_context(
-            contextlib.closing(Rosbridge(o.url, o.namespace, expected=expected, is_ready=is_ready))
-        )
+        how: Any = {"expected": [topic for topic in (o.scan_topic, o.odom_topic, o.imu_topic) if topic is not None]}
+        how["is_ready"] = lambda: not (viewer.error or (commands is not None and commands.error))
+        bridge = held.enter_context(contextlib.closing(Rosbridge(o.url, o.namespace, **how)))
         session = held.enter_context(contextlib.closing(Session(o, bridge, commands, viewer)))
-        held.callback(ignore_signals)
+        held.callback(handle_signals, signal.SIG_IGN)
         try:
             is_done = session.run(first_signal(), functools.partial(time_limited, MAX_STEP))
         except (ValueError, RuntimeError, OSError):
