@@ -59,20 +59,19 @@ class BridgeCommands:
 
     def __init__(self, bridge: Any, target: CommandTopic) -> None:
         """Advertise the topic."""
-        self._bridge, self._target, self._is_stamped = bridge, target, target.stamped
-        self._stamp = 0.0
-        self._advertise()
+        self._bridge, self._target, self._stamp = bridge, target, 0.0
+        self._advertise(target.stamped)
 
-    def _advertise(self) -> None:
-        self._bridge.advertise(self._target.topic, f"{TWIST}Stamped" if self._is_stamped else TWIST)
+    def _advertise(self, is_stamped: bool) -> None:
+        self._is_stamped = is_stamped
+        self._bridge.advertise(self._target.topic, f"{TWIST}Stamped" if is_stamped else TWIST)
 
     def use_type(self, text: str) -> bool:
         """Take the last type of twists that a text of the server names; return whether it is another one."""
         found = re.findall(r"geometry_msgs/(?:msg/)?Twist(Stamped)?\b", text)
         if not found or bool(found[-1]) == self._is_stamped:
             return False
-        self._is_stamped = not self._is_stamped
-        self._advertise()
+        self._advertise(not self._is_stamped)
         return True
 
     def send(self, command: tuple[float, float], stamp: float, decided: float = 0.0) -> None:

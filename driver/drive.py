@@ -56,11 +56,9 @@ class Options:
     robot: str = "turtlebot3_burger"
     """Library robot, or path of a robot YAML."""
     policy: str = "learned:pretrained/frontiers"
-    """Policy: a name as in `lidarnaut-evaluate --policies`. Policies with a goal wait for `goal`, `/goal_pose` or
-    `/move_base_simple/goal`."""
+    """Name as in `lidarnaut-evaluate --policies`. Policies with a goal wait for `goal` or one of RViz."""
     goal: tuple[float, ...] | None = None
-    """Goal x, y [m], and optionally heading [rad] (not for learned policies), map frame; selects policies that drive to
-    goals."""
+    """Goal x, y [m], optionally heading [rad] (not for learned policies), map frame; selects policies with a goal."""
     slam: str = "hector"
     """SLAM, without a map."""
     map: Path | None = None
@@ -86,8 +84,7 @@ class Options:
     save_map: Path | None = None
     """Map to write at the end, `NAME.yaml` of map_server."""
     lidar_from_messages: bool = False
-    """Take beams and mount of the lidar from the first scan and its transform; otherwise, scans are resampled to the
-    beams of the robot YAML."""
+    """Use the beams of the first scan, and its mount; otherwise, scans are resampled to those of the robot YAML."""
     lidar_from_robot: bool = False
     """Take the mount of the lidar from the robot YAML instead of `/tf_static` and `/tf`."""
     no_return: str = "inf"

@@ -110,9 +110,8 @@ class Rosbridge:
     def publish(self, topic: str, message: Any) -> None:
         """Send a message, from `lidarnaut.envs.logs.messages`, later and in order; never waits.
 
-        A function is called when its turn comes, and returns the message.
-
-        Without a connection, only latched messages are kept. The message must not change afterwards.
+        A function is called when its turn comes, and returns the message. Without a connection, only latched messages
+        are kept. The message must not change afterwards.
         """
         self._call(self._put, self._full(topic), message)
 
