@@ -1,9 +1,11 @@
 """Velocity commands with a deadline of their own: a process that stops the robot if decisions do not arrive in time."""
 
+import contextlib
 import json
 import logging
 import os
 import re
+import select
 import signal
 import struct
 import subprocess
@@ -21,8 +23,11 @@ DECISION = struct.Struct("<4d")
 """Forward speed [m/s], yaw rate [rad/s], time of the robot's clock and local time of a decision [s]."""
 NEVER = 0.0, 0.0, 0.0, 0.0
 """Values before the first decision."""
+RECORDS = 128
+"""Maximum number of decisions that are read at once; pipes pass each one on as a whole."""
 STOPS, BETWEEN_STOPS = 3, 0.05
 """Number of stops at the end, and time between them [s]."""
+ENDED = "the process that sends commands has ended"
 
 
 def local_time() -> float:
@@ -50,24 +55,23 @@ class CommandTopic:
 class BridgeCommands:
     """Commands through a given connection."""
 
-    error, has_ended = "", False
+    error = ""
 
     def __init__(self, bridge: Any, target: CommandTopic) -> None:
         """Advertise the topic."""
-        self._bridge, self._target, self._is_stamped = bridge, target, target.stamped
-        self._stamp = 0.0
-        self._advertise()
+        self._bridge, self._target, self._stamp = bridge, target, 0.0
+        self._advertise(target.stamped)
 
-    def _advertise(self) -> None:
-        self._bridge.advertise(self._target.topic, f"{TWIST}Stamped" if self._is_stamped else TWIST)
+    def _advertise(self, is_stamped: bool) -> None:
+        self._is_stamped = is_stamped
+        self._bridge.advertise(self._target.topic, f"{TWIST}Stamped" if is_stamped else TWIST)
 
     def use_type(self, text: str) -> bool:
         """Take the last type of twists that a text of the server names; return whether it is another one."""
         found = re.findall(r"geometry_msgs/(?:msg/)?Twist(Stamped)?\b", text)
         if not found or bool(found[-1]) == self._is_stamped:
             return False
-        self._is_stamped = not self._is_stamped
-        self._advertise()
+        self._advertise(not self._is_stamped)
         return True
 
     def send(self, command: tuple[float, float], stamp: float, decided: float = 0.0) -> None:
@@ -76,15 +80,13 @@ class BridgeCommands:
 
     def message(self, command: tuple[float, float], stamp: float) -> dict[str, Any]:
         """Return the message of a command, see `send`."""
-        self._stamp = stamp
-        linear, angular = ({"x": 0.0, "y": 0.0, "z": 0.0} for _ in range(2))
-        linear["x"], angular["z"] = command
-        message: dict[str, Any] = {"linear": linear, "angular": angular}
-        if self._is_stamped:
-            seconds, nanoseconds = divmod(round(stamp * 1e9), 10**9)
-            header = {"stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": self._target.frame}
-            message = {"header": header, "twist": message}
-        return message
+        self._stamp, (v, w) = stamp, command
+        twist = {"linear": {"x": v, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": w}}
+        if not self._is_stamped:
+            return twist
+        seconds, nanoseconds = divmod(round(stamp * 1e9), 10**9)
+        header = {"stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": self._target.frame}
+        return {"header": header, "twist": twist}
 
     def close(self) -> None:
         """Send stops."""
@@ -105,67 +107,51 @@ class CommandProcess:
         self.error = "not connected yet"
         """Why no commands are sent; empty while they are."""
         command = [sys.executable, "-m", "lidarnaut.driver.commands", json.dumps(asdict(target))]
-        pipe = subprocess.PIPE
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, bufsize=0)
-        os.set_blocking(self._process.stdin.fileno(), False)  # type: ignore[union-attr]
-        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+        self._input: Any = self._process.stdin
+        os.set_blocking(self._input.fileno(), False)  # type: ignore[union-attr]
+        self._thread = threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True)
         self._thread.start()
 
-    @property
-    def has_ended(self) -> bool:
-        """Whether the process has ended by itself."""
-        return self._process.poll() is not None
-
     def send(self, command: tuple[float, float], stamp: float, decided: float) -> None:
-        """Pass a decision on; never waits. `decided`: time of `local_time` at which its computation began [s]."""
+        """Pass a decision on; never waits. `decided`: time of `local_time` at which its computation began [s].
+
+        Raises:
+            RuntimeError: the process has ended by itself.
+        """
         try:
-            self._process.stdin.write(DECISION.pack(*command, stamp, decided))  # type: ignore[union-attr]
+            self._input.write(DECISION.pack(*command, stamp, decided))
         except BrokenPipeError:
-            self.error = "the process that sends commands has ended"
+            raise RuntimeError(ENDED) from None
 
     def close(self) -> None:
         """Let the process send stops and end."""
-        self._process.stdin.close()  # type: ignore[union-attr]
+        self._input.close()
         try:
             self._process.wait(5.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
         self._thread.join(1.0)
 
-    def _listen(self) -> None:
-        for line in self._process.stdout:  # type: ignore[union-attr]
+    def _listen(self, output: Any) -> None:
+        for line in output:
             told = json.loads(line)
             self.error = told.get("error", self.error)
             if text := told.get("log"):
                 LOGGER.warning("%s", text)
-        self.error = "the process that sends commands has ended"
+        self.error = ENDED
 
 
-class _Sender:
+class _Sender(BridgeCommands):
     """The work of the process."""
 
     def __init__(self, target: CommandTopic) -> None:
-        self._target, self._said = target, "not connected yet"
-        self._newest, self._is_new, self._is_over = NEVER, False, False
-        self._changed, self._log = threading.Condition(), said_once(lambda text: self._tell(log=text))
-        self._bridge = Rosbridge(target.url, target.namespace, on_status=self._on_status)
-        self._commands = BridgeCommands(self._bridge, target)
-        threading.Thread(target=self._read, daemon=True).start()
-
-    def _read(self) -> None:
-        while len(record := sys.stdin.buffer.read(DECISION.size)) == DECISION.size:
-            with self._changed:
-                self._newest, self._is_new = DECISION.unpack(record), True
-                self._changed.notify()
-        with self._changed:
-            self._is_over = True
-            self._changed.notify()
+        super().__init__(Rosbridge(target.url, target.namespace, on_status=self._on_status), target)
+        self._newest, self._log = NEVER, said_once(lambda text: self._tell(log=text))
 
     def _tell(self, **what: str) -> None:
-        try:
+        with contextlib.suppress(OSError):  # the driver has ended, or does not read
             os.write(1, json.dumps(what).encode() + b"\n")
-        except OSError:  # the driver has ended, or does not read
-            return
 
     def _on_status(self, text: str) -> None:
         self._log(f"the rosbridge server says: {text}")
@@ -173,30 +159,33 @@ class _Sender:
             self._take_type(text)
 
     def _take_type(self, text: str) -> None:
-        if self._commands.use_type(text):
+        if self.use_type(text):
             self._tell(log=f"commands are sent with the type of {self._target.topic} that the server names: {text}")
 
     def _current(self) -> dict[str, Any]:
         """Return the command at the time at which it is sent: this process may have stood still in between."""
         v, w, stamp, decided = self._newest
         age = local_time() - decided
-        return self._commands.message((v, w) if age <= self._target.timeout else (0.0, 0.0), stamp + age)
+        return self.message((v, w) if age <= self._target.timeout else (0.0, 0.0), stamp + age)
 
     def run(self) -> None:
         """Send commands until the input ends, then stops."""
-        while not self._is_over:
-            with self._changed:
-                self._changed.wait_for(lambda: self._is_over or self._is_new, self._target.period)
-                self._is_new = False
+        said = "not connected yet"
+        while True:
+            if select.select([0], [], [], self._target.period)[0]:
+                if not (records := os.read(0, RECORDS * DECISION.size)):
+                    break
+                self._newest = DECISION.unpack(records[-DECISION.size :])
             if self._newest != NEVER:
                 self._bridge.publish(self._target.topic, self._current)
-            if self._bridge.error != self._said:
-                self._said = self._bridge.error
-                self._tell(error=self._said)
+            self._bridge.spin()
+            if self._bridge.error != said:
+                said = self._bridge.error
+                self._tell(error=said)
                 topic = {"topic": self._target.topic}
                 self._bridge.ask("/rosapi/topic_type", topic, lambda found: self._take_type(shortened(found.type)))
         if self._newest != NEVER:
-            self._commands.close()
+            self.close()
         self._bridge.close()
 
 

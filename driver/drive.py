@@ -4,6 +4,7 @@ import contextlib
 import functools
 import logging
 import math
+import signal
 import sys
 import threading
 import time
@@ -27,13 +28,13 @@ from lidarnaut.envs.robots import LidarParams, Mount, RobotParams, load_robot
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.worlds import save_map
 from lidarnaut.envs.worlds.map_files import map_paths
+from lidarnaut.envs.wrappers.record_bag import BagRecorder
 
 from .commands import BridgeCommands, CommandProcess, CommandTopic, local_time
 from .driver import STOP, Driver
 from .frames import Frames
-from .program import Clock, first_signal, ignore_signals, run_program, time_limited
+from .program import Clock, first_signal, handle_signals, run_program, time_limited
 from .progress import Progress
-from .recorder import SafeRecorder
 from .rosbridge import Rosbridge
 from .viewer import Viewer
 
@@ -55,11 +56,9 @@ class Options:
     robot: str = "turtlebot3_burger"
     """Library robot, or path of a robot YAML."""
     policy: str = "learned:pretrained/frontiers"
-    """Policy: a name as in `lidarnaut-evaluate --policies`. Policies with a goal wait for `goal`, `/goal_pose` or
-    `/move_base_simple/goal`."""
+    """Name as in `lidarnaut-evaluate --policies`. Policies with a goal wait for `goal` or one of RViz."""
     goal: tuple[float, ...] | None = None
-    """Goal x, y [m], and optionally heading [rad] (not for learned policies), map frame; selects policies that drive to
-    goals."""
+    """Goal x, y [m], optionally heading [rad] (not for learned policies), map frame; selects policies with a goal."""
     slam: str = "hector"
     """SLAM, without a map."""
     map: Path | None = None
@@ -75,7 +74,7 @@ class Options:
     timeout: float = 1.0
     """The robot stops if the last scan or the connection is older [s]."""
     time_limit: float | None = None
-    """Drive for at most this time of the robot's clock; exit status 3 if the task is not done by then [s]."""
+    """Drive for at most this time of the robot's clock, jumps left out; exit status 3 if the task is not done [s]."""
     dry_run: bool = False
     """Print commands instead of sending them."""
     dead_man: str | None = None
@@ -85,8 +84,7 @@ class Options:
     save_map: Path | None = None
     """Map to write at the end, `NAME.yaml` of map_server."""
     lidar_from_messages: bool = False
-    """Take beams and mount of the lidar from the first scan and its transform; otherwise, scans are resampled to the
-    beams of the robot YAML."""
+    """Use the beams of the first scan, and its mount; otherwise, scans are resampled to those of the robot YAML."""
     lidar_from_robot: bool = False
     """Take the mount of the lidar from the robot YAML instead of `/tf_static` and `/tf`."""
     no_return: str = "inf"
@@ -141,23 +139,24 @@ class Session:
         if options.save_map is not None and not map_paths(options.save_map)[1].parent.is_dir():
             raise ValueError(f"save_map: {options.save_map.parent} is not a folder")
         self.options, self._bridge, self._clock = options, bridge, Clock()
-        self._lock = threading.RLock()
         robot = load_robot(options.robot)
         max_v, max_w = options.max_v or robot.max_v, options.max_w or robot.max_w
         lidar = replace(robot.lidar, no_return="zero") if options.no_return == "zero" else robot.lidar
         self._robot = replace(robot, lidar=lidar, max_v=min(max_v, robot.max_v), max_w=min(max_w, robot.max_w))
-        self._recorder: SafeRecorder | None = None
-        self.driver: Driver | None = None
-        first = self._make_driver(self._robot)  # also checks the options
-        if not options.lidar_from_messages:
-            self._use(first)
+        self.driver = self._make_driver(self._robot)
+        """Driver; replaced at the first scan with `lidar_from_messages`."""
+        self._recorder: BagRecorder | None = None
+        self._waits_for_lidar = options.lidar_from_messages
+        if not self._waits_for_lidar:
+            self._start_recording()
         self._frames = Frames(options, lidar)
-        self._permitted = -math.inf
+        self._permitted, self._waited = -math.inf, 0.0  # messages may have waited in `run` for that time
         self._sim_time, self._ticked, self._progress = math.nan, math.inf, Progress(options.goal)
         self._saved, self._failures = local_time(), dict[str, str]()
         self.reason = "no scan yet"
         """Why the last command was a stop; empty while driving."""
-        self._viewer = Viewer(viewer or bridge, self._frames.map, self._frames.odom)
+        self._bridges = [bridge] if viewer is None else [bridge, viewer]
+        self._viewer = Viewer(self._bridges[-1], self._frames.map, self._frames.odom)
         self._commands = commands
         if commands is None and not options.dry_run:
             self._commands = BridgeCommands(bridge, command_topic(options))
@@ -166,26 +165,32 @@ class Session:
     def _make_driver(self, robot: RobotParams) -> Driver:
         o = self.options
         has_goal = (o.goal or o.map) is not None or o.policy in OFFERED["goal"].keys() - EXPLORERS.keys()
-        makers = OFFERED["goal"] if has_goal else EXPLORERS
-        policy = parse_policy(o.policy, makers, trust=o.trust).make()
-        id = policy.id or ("lidarnaut/ReachGoal-v0" if has_goal else None)
-        arguments: dict[str, Any] = {"timeout": o.timeout, "seed": o.seed, "odometry_scales": o.odometry_scales}
+        policy = parse_policy(o.policy, OFFERED["goal"] if has_goal else EXPLORERS, trust=o.trust).make()
         if o.map is None:
-            arguments["slam"] = o.slam
+            task: dict[str, Any] = {"id": policy.id or ("lidarnaut/ReachGoal-v0" if has_goal else None), "slam": o.slam}
         else:
-            pose = "unknown" if o.initial_pose is None else o.initial_pose
-            id, arguments = "lidarnaut/Navigate-v0", arguments | {"map": o.map, "initial_pose": pose}
-        arguments["gyro"] = o.imu_topic is not None
-        hz = policy.control_hz or o.control_hz
-        driver = Driver(policy, robot, id=id, control_hz=hz, **arguments)
+            task = {"id": "lidarnaut/Navigate-v0", "map": o.map, "initial_pose": o.initial_pose or "unknown"}
+        how: Any = {"timeout": o.timeout, "odometry_scales": o.odometry_scales, "seed": o.seed}
+        hz, gyro = policy.control_hz or o.control_hz, o.imu_topic is not None
+        driver = Driver(policy, robot, control_hz=hz, gyro=gyro, **how, **task)
         if o.goal is not None:
             driver.goal(*o.goal)
         return driver
 
-    def _use(self, driver: Driver) -> None:
-        self.driver = driver
+    def _start_recording(self) -> None:
         if self.options.record is not None:
-            self._recorder = SafeRecorder(driver.env, self.options.record)
+            env = self.driver.env
+            self._recorder = BagRecorder(env, self.options.record)
+            self._write: Any = env.on_period
+            env.on_period = self._record
+
+    def _record(self, commands: Any) -> None:
+        """Record a control period; the recording ends, and not the drive, if that fails, as on a full disk."""
+        self._try("recording", functools.partial(self._write, commands))
+        if "recording" in self._failures and self._recorder is not None:
+            with contextlib.suppress(Exception):
+                self._recorder.close()
+            self._recorder = self.driver.env.on_period = None
 
     def _subscribe(self) -> None:
         o, bridge = self.options, self._bridge
@@ -215,16 +220,14 @@ class Session:
             self._sim_time, self._ticked = time_now, time.monotonic()
 
     def _on_dead_man(self, message: Any) -> None:
-        self._permitted = time.monotonic() if message.data is True else -math.inf
+        self._permitted = time.monotonic() - self._waited if message.data is True else -math.inf
 
     def _on_static(self, message: Any) -> None:
-        with self._lock:
-            self._frames.add(message, static=True)
+        self._frames.add(message, static=True)
         self._use_scans()
 
     def _on_tf(self, message: Any) -> None:
-        with self._lock:
-            self._frames.add(message, static=False)
+        self._frames.add(message, static=False)
         for one in message.transforms if self._has_odometry_on_tf else ():
             if frame_name(one.header.frame_id) == self._frames.odom:
                 pose = pose_of(one.transform.translation, one.transform.rotation)
@@ -237,80 +240,71 @@ class Session:
             self._note_odometry(message.header.stamp, getattr(message, "child_frame_id", ""), pose)
 
     def _note_odometry(self, stamp: Any, child: str, pose: Pose2D) -> None:
-        time = seconds(stamp)
-        self._clock.note(time)
-        with self._lock:
-            base_pose = self._frames.base_pose(child, pose, self.time)
-            if base_pose is not None and self.driver is not None:
-                self.driver.odometry(base_pose, time)
+        self._clock.note(time := seconds(stamp))
+        if (base_pose := self._frames.base_pose(child, pose, self.time)) is not None:
+            self.driver.odometry(base_pose, time)
 
     def _on_imu(self, message: Any) -> None:
-        with self._lock:
-            yaw_rate = self._frames.yaw_rate(message, self.time)
-            if yaw_rate is not None and self.driver is not None:
-                self.driver.imu(yaw_rate, seconds(message.header.stamp))
+        if (yaw_rate := self._frames.yaw_rate(message, self.time)) is not None:
+            self.driver.imu(yaw_rate, seconds(message.header.stamp))
 
     def _on_scan(self, message: Any) -> None:
         self._clock.note(seconds(message.header.stamp))
-        with self._lock:
-            self._frames.receive(message)
+        self._frames.receive(message)
         self._use_scans()
 
     def _use_scans(self) -> None:
         """Pass the scans whose transform is known to the driver."""
-        with self._lock:
-            for scan in self._frames.placed(self.time):
-                if self.driver is None:
-                    self._use(self._make_driver(replace(self._robot, lidar=_lidar_of(scan, self._robot.lidar))))
-                self.driver.scan(*_on_beams(scan, self.driver.robot.lidar))  # type: ignore[union-attr]
+        for scan in self._frames.placed(self.time):
+            if self._waits_for_lidar:
+                self.driver = self._make_driver(replace(self._robot, lidar=_lidar_of(scan, self._robot.lidar)))
+                self._waits_for_lidar = False
+                self._start_recording()
+            self.driver.scan(*_on_beams(scan, self.driver.robot.lidar))
 
     def _on_goal(self, message: Any) -> None:
-        frames, frame = self._frames, frame_name(message.header.frame_id)
+        frames, frame, driver = self._frames, frame_name(message.header.frame_id), self.driver
         goal = pose_of(message.pose.position, message.pose.orientation)
-        with self._lock:
-            if (driver := self.driver) is None:
-                LOGGER.warning("goals before the first scan are ignored")
-                return
-            if frame and frame in (frames.odom, frames.base) and driver.has_begun:
-                goal = (driver.map_to_odometry if frame == frames.odom else driver.belief.pose).compose(goal)
-            elif not frames.is_expected("goal", frame, frames.map, once=False):
-                return
-            if not driver.takes_headings:  # RViz always sends one
-                LOGGER.warning("learned policies do not turn to headings: that of the goal is ignored")
-            driver.goal(goal.x, goal.y, goal.theta if driver.takes_headings else None)
+        if self._waits_for_lidar:
+            LOGGER.warning("goals before the first scan are ignored")
+            return
+        if frame and frame in (frames.odom, frames.base) and driver.has_begun:
+            goal = (driver.map_to_odometry if frame == frames.odom else driver.belief.pose).compose(goal)
+        elif not frames.is_expected("goal", frame, frames.map):
+            return
+        if not driver.takes_headings:  # RViz always sends one
+            LOGGER.warning("learned policies do not turn to headings: that of the goal is ignored")
+        driver.goal(goal.x, goal.y, goal.theta if driver.takes_headings else None)
 
     def _on_initial_pose(self, message: Any) -> None:
-        frames, frame, given = self._frames, message.header.frame_id, message.pose
-        with self._lock:
-            if self.driver is not None and frames.is_expected("initial pose", frame, frames.map, once=False):
-                pose = pose_of(given.pose.position, given.pose.orientation)
-                self.driver.initial_pose(*pose, getattr(given, "covariance", None))
+        if self._frames.is_expected("initial pose", message.header.frame_id, self._frames.map):
+            pose = pose_of(message.pose.pose.position, message.pose.pose.orientation)
+            self.driver.initial_pose(*pose, getattr(message.pose, "covariance", None))
 
     def step(self) -> Twist:
         """Send the next command, and estimates for RViz; return the command."""
-        now, began, o = self.time, local_time(), self.options
-        with self._lock:
-            if (driver := self.driver) is None or math.isnan(now):
-                self.reason = self._frames.explain("no scan yet")
-                return STOP
-            command = driver.command(now, self._why_held())
-            self.reason = driver.reason = self._frames.explain(driver.reason)
-            if o.dry_run:
-                LOGGER.info("%.2f s: %.3f m/s, %.3f rad/s", now, *command)
-            else:
-                self._commands.send(command, now, began)
-            self._progress.report(driver, now)
-            if driver.has_begun:
-                self._viewer.show(driver, now)
-                if began - self._saved >= SAVE_PERIOD:
-                    self._saved = began
-                    self._try("map", self._save_map)
+        now, began, driver = self.time, local_time(), self.driver
+        if self._waits_for_lidar or math.isnan(now):
+            self.reason = self._frames.explain("no scan yet")
+            return STOP
+        command = driver.command(now, self._why_held())
+        self.reason = driver.reason = self._frames.explain(driver.reason)
+        if self._commands is None:
+            LOGGER.info("%.2f s: %.3f m/s, %.3f rad/s", now, *command)
+        else:
+            self._commands.send(command, now, began)
+        self._progress.note(driver, now)
+        if driver.has_begun:
+            self._viewer.show(driver, now)
+            if began - self._saved >= SAVE_PERIOD:
+                self._saved = began
+                self._try("map", self._save_map)
         return command
 
     def _why_held(self) -> str:
-        errors = [self._bridge.error, *([] if self._commands is None else [self._commands.error])]
-        if error := next(filter(None, errors), ""):
-            return f"no connection: {error}"
+        for connection in (self._bridge, self._commands):
+            if connection is not None and connection.error:
+                return f"no connection: {connection.error}"
         if self.options.dead_man is not None and time.monotonic() - self._permitted > DEAD_MAN_TIME:
             return f"{self.options.dead_man} is not true"
         if time.monotonic() - self._ticked > self.options.timeout:
@@ -318,26 +312,26 @@ class Session:
         return ""
 
     def run(self, is_over: threading.Event, watch: Callable[[], Any] = contextlib.nullcontext) -> bool:
-        """Send commands at the control rate, which is that of the training for learned policies.
+        """Receive messages, and send commands at the control rate, which is that of the training for learned policies.
 
         Ends when `is_over` is set, when the task is done, or at the time limit; returns False in the last case. Each
         step but the first one, which compiles kernels, is within a context of `watch`.
         """
-        due, stepped = -math.inf, 0.0
+        due, stepped, spun, limit = -math.inf, 0.0, time.monotonic(), self.options.time_limit or math.inf
         while not is_over.is_set():
-            if self._commands is not None and self._commands.has_ended:
-                raise RuntimeError(self._commands.error)
-            driver = self.driver
-            period = 1.0 / self.options.control_hz if driver is None else driver.env.control_period
+            self._waited, spun = time.monotonic() - spun, time.monotonic()
+            for bridge in self._bridges:
+                bridge.spin()
+            period = self.driver.env.control_period
             now, is_frozen = self.time, time.monotonic() - stepped > 0.5 * self.options.timeout
             if now >= due or now < due - 1.0 or is_frozen:
-                with watch() if driver is not None and driver.has_begun else contextlib.nullcontext():
+                with watch() if self.driver.has_begun else contextlib.nullcontext():
                     self.step()
-                if self.driver is not None and self._progress.is_done(self.driver, now):
+                if self._progress.is_done(self.driver):
                     LOGGER.info("done: %s", self.reason)
                     return True
-                if self.options.time_limit is not None and self._progress.elapsed(now) > self.options.time_limit:
-                    LOGGER.warning("not done within %g s", self.options.time_limit)
+                if self._progress.elapsed > limit:
+                    LOGGER.warning("not done within %g s", limit)
                     return False
                 stepped = time.monotonic()
                 due = due + period if now - period < due <= now else now + period
@@ -350,12 +344,11 @@ class Session:
         Raises:
             RuntimeError: the map or the recording is not complete.
         """
-        for name, work in (
-            ("stops", None if self._commands is None else self._commands.close),
-            ("map", self._save_map),
-            ("recording", None if self._recorder is None else self._recorder.close),
-        ):
-            self._try(name, work or (lambda: None))
+        if self._commands is not None:
+            self._try("stops", self._commands.close)
+        self._try("map", self._save_map)
+        if self._recorder is not None:
+            self._try("recording", self._recorder.close)
         if self._failures:
             raise RuntimeError("; ".join(f"{name}: {text}" for name, text in self._failures.items()))
 
@@ -371,7 +364,7 @@ class Session:
             self._failures[name] = text
 
     def _save_map(self) -> None:
-        if self.options.save_map is not None and self.driver is not None and self.driver.has_begun:
+        if self.options.save_map is not None and self.driver.has_begun:
             save_map(crop_to_known(self.driver.belief.grid), self.options.save_map)
 
 
@@ -425,16 +418,11 @@ def main(options: Options) -> None:
     with contextlib.suppress(KeyboardInterrupt), contextlib.ExitStack() as held:
         viewer = held.enter_context(contextlib.closing(Rosbridge(o.url, o.namespace)))
         commands = None if o.dry_run else held.enter_context(contextlib.closing(CommandProcess(command_topic(o))))
-        expected = [o.scan_topic, o.odom_topic, *([] if o.imu_topic is None else [o.imu_topic])]
-
-        def is_ready() -> bool:
-            return not (viewer.error or (commands is not None and commands.error))
-
-        bridge = held.enter_context(
-            contextlib.closing(Rosbridge(o.url, o.namespace, expected=expected, is_ready=is_ready))
-        )
+        how: Any = {"expected": [topic for topic in (o.scan_topic, o.odom_topic, o.imu_topic) if topic is not None]}
+        how["is_ready"] = lambda: not (viewer.error or (commands is not None and commands.error))
+        bridge = held.enter_context(contextlib.closing(Rosbridge(o.url, o.namespace, **how)))
         session = held.enter_context(contextlib.closing(Session(o, bridge, commands, viewer)))
-        held.callback(ignore_signals)
+        held.callback(handle_signals, signal.SIG_IGN)
         try:
             is_done = session.run(first_signal(), functools.partial(time_limited, MAX_STEP))
         except (ValueError, RuntimeError, OSError):

@@ -10,15 +10,23 @@ from scipy.spatial.transform import Rotation
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs.bag import BASE_FRAMES
-from lidarnaut.envs.logs.scans import MAX_RANGE_LIMIT, Limits, Scan, in_base_frame, usable_scans, with_checked_times
-from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
+from lidarnaut.envs.logs.scans import (
+    MAX_RANGE_LIMIT,
+    Limits,
+    Scan,
+    in_base_frame,
+    scan_of,
+    usable_scans,
+    with_checked_times,
+)
+from lidarnaut.envs.logs.transforms import MIN_UPRIGHT, FrameTree, frame_name, planar
 from lidarnaut.envs.robots import LidarParams
 
-from .rosbridge import without_numbers
+from .rosbridge import said_once
 
 LOGGER = logging.getLogger(__name__)
-MAX_WAITING, MAX_TRANSFORMS, MAX_SAID = 20, 1000, 100
-"""Maximum numbers of scans that wait for a transform, of transforms per pair of frames, and of different warnings."""
+MAX_WAITING, MAX_TRANSFORMS = 20, 1000
+"""Maximum numbers of scans that wait for a transform, and of transforms per pair of frames."""
 WAIT_FOR_TREE, WAIT_FOR_TRANSFORM = 3.0, 5.0
 """Time without any transform until the robot YAML places sensors, and without that of a sensor until a warning [s]."""
 SAME_MOUNT = 0.05
@@ -26,9 +34,10 @@ SAME_MOUNT = 0.05
 NEGLIGIBLE = 1e-6
 """Components of an angular velocity with smaller weights are not used, and may be invalid."""
 FAULTS = {
-    "scans": "scans wait: no transform from %r (--base-frame) to %r; --lidar-from-robot uses that of the robot YAML",
-    "IMU": "the IMU is not used: no fixed transform from %r to %r",
-    "odometry": "odometry is not used: no fixed transform from %r to --base-frame %r",
+    "scans": "scans wait: no transform from {!r} (--base-frame) to {!r}; "
+    "--lidar-from-robot uses that of the robot YAML",
+    "IMU": "the IMU is not used: no fixed transform from {!r} to {!r}",
+    "odometry": "odometry is not used: no fixed transform from {!r} to --base-frame {!r}",
 }
 DEFAULTS = {"scans": "the mount of the robot YAML is used", "IMU": "the IMU counts as upright"}
 
@@ -41,14 +50,15 @@ class Frames:
         self.map, self.odom = frame_name(options.map_frame), frame_name(options.odom_frame)
         self.base, self.laser = frame_name(options.base_frame), frame_name(options.laser_frame)
         """Names of base and lidar frame; empty while unknown."""
-        self._options, self._lidar, self._has_default = options, lidar, False
+        self._options, self._lidar, self._has_default, self._is_late = options, lidar, False, False
+        self._warn = said_once(LOGGER.warning)
         self._mount, mount = np.eye(4), lidar.mount
         self._mount[:3, :3] = Rotation.from_euler("z", mount.yaw).as_matrix()
         self._mount[:3, 3] = mount.x, mount.y, mount.z
         self._tree, self._has_tree = FrameTree(MAX_TRANSFORMS), False
         self._fixed: dict[tuple[str, str], np.ndarray] = {}
         self._waiting = deque[Scan](maxlen=MAX_WAITING)
-        self._stamp, self._began, self._said = -math.inf, dict[str, float](), set[str]()
+        self._stamp, self._began = -math.inf, dict[str, float]()
 
     def add(self, message: Any, *, static: bool) -> None:
         """Add the transforms of a TFMessage; those of localization and odometry do not place sensors."""
@@ -60,15 +70,13 @@ class Frames:
                     self._fixed.clear()
                     self._tree.add(one, static)
             except (AttributeError, TypeError, ValueError, OverflowError) as error:  # the others count, as in tf2
-                child = getattr(one, "child_frame_id", None)
-                self._say(f"transform {child}", "the transform of frame %r is ignored: %s", child, error)
+                self._warn(f"the transform of frame {getattr(one, 'child_frame_id', None)!r} is ignored: {error}")
 
-    def is_expected(self, what: str, given: str | None, frame: str, *, once: bool = True) -> bool:
+    def is_expected(self, what: str, given: str | None, frame: str) -> bool:
         """Return whether messages are of a frame, or of none; otherwise give a warning."""
         if (given := frame_name(given)) in ("", frame):
             return True
-        text = "%s: messages of frame %r are ignored, expected %r; see the options of frames"
-        self._say(f"{what} {given}" if once else "", text, what, given, frame)
+        self._warn(f"{what}: messages of frame {given!r} are ignored, expected {frame!r}; see the options of frames")
         return False
 
     def base_pose(self, child: str | None, pose: Pose2D, now: float) -> Pose2D | None:
@@ -77,7 +85,7 @@ class Frames:
         if not self._options.base_frame:
             if not (self.base or child) and (names := set(BASE_FRAMES) & set(self._tree.frames)):
                 child = min(names, key=BASE_FRAMES.index)
-                self._say("child", "odometry has no child_frame_id: %r of the transforms is the base", child)
+                self._warn(f"odometry has no child_frame_id: {child!r} of the transforms is the base")
             self.base = self.base or child
             return pose if self.is_expected("odometry", child, self.base) else None
         if child in ("", self.base):
@@ -96,22 +104,17 @@ class Frames:
 
     def receive(self, message: Any) -> None:
         """Receive a scan, which waits for its transform."""
-        frame, stamp = frame_name(message.header.frame_id), seconds(message.header.stamp)
+        frame = frame_name(message.header.frame_id)
         self.laser = self.laser or frame
         if not self.is_expected("scans", frame, self.laser):
             return
-        missing = math.nan if self._options.no_return == "nan" else math.inf
-        given = [] if message.ranges is None else message.ranges
-        with np.errstate(over="ignore"):  # out of range
-            ranges = np.array([missing if each is None else each for each in given], dtype=np.float32)
-        beams = number(message, "angle_min"), number(message, "angle_increment"), *self._limits(message)
-        increment = float(getattr(message, "time_increment", None) or 0.0)
-        scan = Scan(ranges, *beams, time=stamp, time_increment=increment)
-        interval, self._stamp = stamp - self._stamp, stamp
+        null = math.nan if self._options.no_return == "nan" else math.inf
+        scan = self._with_limits(scan_of(message, null))
+        interval, self._stamp = scan.time - self._stamp, scan.time
         checked = with_checked_times(scan, interval if interval > 0.0 else math.inf)
         if checked is not scan:
-            text = "time_increment of scans is ignored: %g s for each of %d beams, but %.3g s between scans"
-            self._say("time_increment", text, increment, len(ranges), interval)
+            beam = f"{scan.time_increment:g} s for each of {len(scan.ranges)} beams"
+            self._warn(f"time_increment of scans is ignored: {beam}, but {interval:.3g} s between scans")
         self._waiting.append(checked)
 
     def placed(self, now: float) -> list[Scan]:
@@ -124,7 +127,8 @@ class Frames:
             if mount is None:
                 break
             if self._has_default and not np.allclose(mount[:2], self._mount[:2], rtol=0.0, atol=SAME_MOUNT):
-                self._say("late", "the lidar's transform is late, and not the mount used so far: restart")
+                self._warn("the lidar's transform is late, and not the mount used so far: restart")
+                self._is_late = True
                 break
             self._has_default |= mount is self._mount
             placed += self._usable(self._waiting.popleft(), mount)
@@ -134,13 +138,10 @@ class Frames:
         """Return the reason of a stop, and what scans wait for."""
         if not (self._waiting and reason.startswith("no scan")):
             return reason
-        wanted = (
-            f"a transform from {self.base!r} to {self.laser!r}"
-            if self.base
-            else "odometry with a child frame, or --base-frame"
-        )
-        wanted = "a restart" if "late" in self._said else wanted
-        return f"{reason} (scans wait for {wanted})"
+        wanted = f"a transform from {self.base!r} to {self.laser!r}"
+        if not self.base:
+            wanted = "odometry with a child frame, or --base-frame"
+        return f"{reason} (scans wait for {'a restart' if self._is_late else wanted})"
 
     def _find(
         self, what: str, base: str, frame: str, time: float, now: float, default: np.ndarray | None = None
@@ -161,29 +162,28 @@ class Frames:
         if not began <= now:  # not waited yet, or the clock has stepped back
             began = self._began[what] = now
         if default is not None and not self._has_tree and now - began >= WAIT_FOR_TREE:
-            self._say(f"default {what}", "there are no transforms on /tf_static: %s", DEFAULTS[what])
+            self._warn(f"there are no transforms on /tf_static: {DEFAULTS[what]}")
             return default
         if now - began >= WAIT_FOR_TRANSFORM:
             frames = [f"{name!r} (invalid)" if name in self._tree.ignored else repr(name) for name in self._tree.frames]
-            self._say(what, f"{FAULTS[what]}; frames with transforms: %s", base, frame, ", ".join(frames) or "none")
+            fault = FAULTS[what].format(base, frame)
+            self._warn(f"{fault}; frames with transforms: {', '.join(frames) or 'none'}")
         return None
 
     def _usable(self, scan: Scan, mount: np.ndarray) -> list[Scan]:
         """Return the scan in the base frame, with counter-clockwise beams; none, and a warning, if it is unusable."""
-        if (upright := abs(mount[2, 2])) < MIN_UPRIGHT:
-            self._say(
-                "tilt", "scans are dropped: the lidar is tilted by %.0f degrees", math.degrees(math.acos(upright))
-            )
-            return []
         try:
+            if (upright := abs(mount[2, 2])) < MIN_UPRIGHT:
+                tilt = math.degrees(math.acos(upright))
+                raise ValueError(f"scans are dropped: the lidar is tilted by {tilt:.0f} degrees")
             return usable_scans([in_base_frame(scan, mount)], Limits())[0]
         except ValueError as error:
-            self._say(without_numbers(str(error)), "%s", error)
+            self._warn(str(error))
             return []
 
-    def _limits(self, message: Any) -> tuple[float, float]:
-        """Return minimum and maximum range of a scan [m]; those of the robot YAML for invalid ones."""
-        given = low, high = number(message, "range_min"), number(message, "range_max")
+    def _with_limits(self, scan: Scan) -> Scan:
+        """Return a scan with the range limits of the robot YAML for invalid ones."""
+        low, high = given = scan.range_min, scan.range_max
         if not 0.0 < high <= MAX_RANGE_LIMIT:
             high = min(self._lidar.range_max, MAX_RANGE_LIMIT)
         if not 0.0 < low < high:
@@ -191,17 +191,6 @@ class Frames:
         if not low < high:  # limits that were swapped
             high = self._lidar.range_max
         if (low, high) != given:
-            self._say("limits", "scans have ranges from %g to %g m: those from %g to %g m are used", *given, low, high)
-        return low, high
-
-    def _say(self, key: str, text: str, *values: Any) -> None:
-        """Give a warning, once unless the key is empty."""
-        if key not in self._said and len(self._said) < MAX_SAID:
-            self._said |= {key} - {""}
-            LOGGER.warning(text, *values)
-
-
-def number(message: Any, name: str) -> float:
-    """Return a number of a message; NaN if it is null or absent."""
-    value = getattr(message, name, None)
-    return math.nan if value is None else float(value)
+            used = f"those from {low:g} to {high:g} m are used"
+            self._warn(f"scans have ranges from {given[0]:g} to {given[1]:g} m: {used}")
+        return scan._replace(range_min=low, range_max=high)

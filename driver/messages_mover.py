@@ -16,18 +16,17 @@ RESOLUTION = 1e-6
 
 
 class Sample(NamedTuple):
-    """Measurements of all sensors at one time."""
+    """Measurements at one time.
+
+    `time` since the first sample [s]; `ranges` as in `Reading`; `ticks`: cumulative encoder counts, left and right;
+    `yaw_rate`: mean one since the last sample [rad/s]; `bumper`: whether the body touched anything since then.
+    """
 
     time: float
-    """Time since the first sample [s]."""
     ranges: np.ndarray
-    """Lidar ranges, shape (num_beams,), float32 [m], as in `Reading`."""
     ticks: tuple[int, int]
-    """Cumulative encoder counts of the left and right wheel."""
     yaw_rate: float
-    """Mean yaw rate since the last sample [rad/s]."""
     bumper: bool
-    """Whether the body touched anything since the last sample."""
 
 
 class MessagesMover(Mover):

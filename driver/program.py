@@ -84,16 +84,15 @@ def first_signal() -> threading.Event:
         is_over.set()
 
     if threading.current_thread() is threading.main_thread():
-        for each in SIGNALS:
-            if signal.getsignal(each) != signal.SIG_IGN:
-                signal.signal(each, note)
+        handle_signals(note)
     return is_over
 
 
-def ignore_signals() -> None:
-    """Let the program end without further interruptions."""
+def handle_signals(handler: Any) -> None:
+    """Set the handler of `SIGNALS`, except for those that are ignored, as with nohup."""
     for each in SIGNALS:
-        signal.signal(each, signal.SIG_IGN)
+        if signal.getsignal(each) != signal.SIG_IGN:
+            signal.signal(each, handler)
 
 
 def run_program(main: Callable[[Any], None], options: type) -> None:
@@ -105,9 +104,7 @@ def run_program(main: Callable[[Any], None], options: type) -> None:
     logging.raiseExceptions = False
     QueueListener(records, logging.StreamHandler()).start()
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[QueueHandler(records)])
-    for each in SIGNALS:
-        if signal.getsignal(each) != signal.SIG_IGN:  # as with nohup
-            signal.signal(each, signal.default_int_handler)
+    handle_signals(signal.default_int_handler)
     status: Any = 1
     try:
         run_command(main, options=options, status=1)

@@ -12,6 +12,8 @@ from .rosbridge import without_numbers
 LOGGER = logging.getLogger(__name__)
 REPORT_PERIOD = 10.0
 """Time between lines about the state [s]."""
+MAX_STEP = 10.0
+"""Longer steps of the clock are jumps [s]."""
 SETTLED = 5.0
 """A policy that finds nothing more to do for this time is done [s]."""
 
@@ -22,34 +24,32 @@ class Progress:
     def __init__(self, goal: Sequence[float] | None) -> None:
         """Begin. `goal`: x, y [m] and optionally heading, map frame; reaching it ends the drive."""
         self._goal, self._said = goal, "not asked yet"
-        self._began = self._reported = self._busy = math.nan
+        self.elapsed, self._now = 0.0, math.nan
+        """Time since the first scan was used, without jumps of the clock [s]."""
+        self._busy, self._reported = 0.0, -math.inf
 
-    def elapsed(self, now: float) -> float:
-        """Return the time since the first scan was used [s]; 0 before."""
-        return 0.0 if math.isnan(self._began) else now - self._began
-
-    def is_done(self, driver: Driver, now: float) -> bool:
+    def is_done(self, driver: Driver) -> bool:
         """Return whether the goal is reached, or an explorer has found nothing more to do for a while."""
-        if not driver.has_begun:
-            return False
-        if math.isnan(self._began):
-            self._began = now
-        if math.isnan(self._busy) or not driver.reason or driver.reason != driver.end_reason:
-            self._busy = now
         goal = driver.env.task.goal
         if goal is None:
-            return now - self._busy >= SETTLED
+            return self.elapsed - self._busy >= SETTLED
         return driver.reason == "reached" and self._goal is not None and goal[:2] == tuple(self._goal[:2])
 
-    def report(self, driver: Driver, now: float) -> None:
-        """Say when and why the robot stops, and each `REPORT_PERIOD` what is known."""
+    def note(self, driver: Driver, now: float) -> None:
+        """Note a command; say when and why the robot stops, and each `REPORT_PERIOD` what is known."""
         kind = without_numbers(driver.reason.partition(" for ")[0])
         if kind != self._said:
             self._said = kind
             LOGGER.info("stopped: %s" if kind else "driving%s", driver.reason)
-        if not driver.has_begun or 0.0 <= now - self._reported < REPORT_PERIOD:
+        if not driver.has_begun:
             return
-        self._reported, belief, goal = now, driver.belief, driver.env.task.goal
+        step, self._now = now - self._now, now
+        self.elapsed += step if 0.0 < step < MAX_STEP else 0.0
+        if not driver.reason or driver.reason != driver.end_reason:
+            self._busy = self.elapsed
+        if self.elapsed - self._reported < REPORT_PERIOD:
+            return
+        self._reported, belief, goal = self.elapsed, driver.belief, driver.env.task.goal
         area = np.count_nonzero(belief.grid.data >= 0) * belief.grid.resolution**2
         parts = [f"map {area:.1f} m2", "at {:.2f} {:.2f} m, {:.2f} rad".format(*belief.pose)]
         if (variance := float(np.trace(belief.covariance[:2, :2]))) > 0.0:

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import dataclasses
-import functools
 import json
 import logging
 import math
@@ -33,8 +32,8 @@ PING_PERIOD, MAX_SILENCE = 0.5, 2.0
 """Time between pings, and maximum time without an answer before the connection counts as lost [s]."""
 CLOSE_TIMEOUT = 1.0
 """Maximum time for the server's half of closing a connection [s]."""
-PATIENCE = 3.0
-"""Topics without a message for this time after a connection are named [s]."""
+PATIENCE, ASK_PERIOD = 3.0, 0.5
+"""Topics without a message for this time after a connection are named, and time between them [s]."""
 MAX_BYTES = 16 * 2**20
 """Maximum size of a received message."""
 MAX_WAITING, MAX_SIZE = 2000, 2 * MAX_BYTES
@@ -52,10 +51,10 @@ Receive = Callable[[Any], None]
 
 
 class Rosbridge:
-    """Connection to a rosbridge server, in threads of its own; a lost connection is opened again.
+    """Connection to a rosbridge server, in a thread of its own; a lost connection is opened again.
 
-    Topics are advertised and subscribed to anew after each connection. `latched` messages are sent again as well. One
-    thread sends, answers pings and reads; another one calls the receivers, which may take their time.
+    Topics are advertised and subscribed to anew after each connection, and latched messages are sent again. Received
+    messages wait for `spin`, whose thread calls their receivers.
     """
 
     def __init__(
@@ -85,97 +84,92 @@ class Rosbridge:
         self.error = "not connected yet"
         """Why there is no connection; empty while connected."""
         self._expected, self._is_ready = {self._full(topic) for topic in expected}, is_ready
+        self._unheard, self._patience_ends = set[str](), math.inf
         self._warn = said_once(LOGGER.warning)
         self._on_status = on_status or (lambda text: self._warn(f"the rosbridge server says: {text}"))
-        self._topics: dict[str, dict[str, Any]] = {}
         self._receivers: dict[str, Receive] = {}
-        self._latched: dict[str, Any] = {}
-        self._outgoing: dict[str, deque[Any]] = {}
+        self._inbox, self._inbox_size, self._lock = deque[str | bytes](), 0, threading.Lock()
+        # The rest is used by the thread alone.
+        self._topics: dict[tuple[str, str], dict[str, Any]] = {}
+        self._latched: dict[str, dict[str, Any]] = {}
+        self._outgoing: dict[str, deque[dict[str, Any]]] = {}
         self._refused, self._largest = set[str](), (0, "")
-        self._inbox, self._inbox_size = deque[str | bytes](), 0
-        self._has_mail, self._is_closed, self._lock = threading.Event(), threading.Event(), threading.Lock()
-        self._loop = asyncio.new_event_loop()
-        self._wake = asyncio.Event()
-        self._threads = [threading.Thread(target=each, daemon=True) for each in (self._run, self._deliver)]
-        for thread in self._threads:
-            thread.start()
-
-    def _full(self, topic: str) -> str:
-        return topic if topic == "/clock" else self._namespace + topic
+        self._loop, self._wake, self._closing = asyncio.new_event_loop(), asyncio.Event(), asyncio.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
 
     def advertise(self, topic: str, kind: str, latch: bool = False) -> None:
         """Announce a topic of a type such as `std_msgs/msg/Bool`; of a latched one, the newest message is kept."""
-        self._register("advertise", topic, kind, latch=latch)
+        self._register(op="advertise", topic=self._full(topic), type=kind.replace("/msg/", "/"), latch=latch)
 
     def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
-        """Call `receive` with each message of a topic, an object with the message's fields, in the client's thread."""
+        """Let `spin` call `receive` with each message of a topic, an object with the message's fields."""
         self._receivers[self._full(topic)] = receive
-        self._register("subscribe", topic, kind)
+        self._register(op="subscribe", topic=self._full(topic), type=kind.replace("/msg/", "/"))
 
     def publish(self, topic: str, message: Any) -> None:
         """Send a message, from `lidarnaut.envs.logs.messages`, later and in order; never waits.
 
-        A function is called when its turn comes, and returns the message.
-
-        Without a connection, only latched messages are kept. The message must not change afterwards.
+        A function is called when its turn comes, and returns the message. Without a connection, only latched messages
+        are kept. The message must not change afterwards.
         """
-        topic = self._full(topic)
-        with self._lock:
-            if topic in self._refused:
-                return
-            is_latched = self._topics[f"advertise {topic}"]["latch"]
-            if is_latched:
-                self._latched[topic] = message
-            if not self.error:
-                self._outgoing.setdefault(topic, deque(maxlen=1 if is_latched else MAX_WAITING)).append(message)
-        self._awake()
+        self._call(self._put, self._full(topic), message)
 
     def ask(self, service: str, args: dict[str, str], receive: Receive) -> None:
         """Call a service of the server; `receive` gets the values of its answer, if there is one."""
         self._receivers[service] = receive
-        self._send({"op": "call_service", "service": service, "args": args, "id": service})
+        self._call(self._send, {"op": "call_service", "service": service, "args": args, "id": service})
+
+    def spin(self) -> None:
+        """Call the receivers of the messages that have arrived, which may take their time; never waits."""
+        with self._lock:
+            texts, self._inbox, self._inbox_size = self._inbox, deque(), 0
+        for text in texts:
+            self._receive(text)
+        if self._unheard and not self.error and time.monotonic() > self._patience_ends:
+            self._patience_ends += ASK_PERIOD
+            self._name(min(self._unheard))
 
     def close(self) -> None:
-        """Send what waits to be sent, for at most a second, close the connection and end the threads."""
-        self._is_closed.set()
-        self._awake()
-        self._has_mail.set()
-        for thread in self._threads:
-            if thread is not threading.current_thread():
-                thread.join(4.0 * CLOSE_TIMEOUT)
+        """Send what waits to be sent, for at most a second, close the connection and end the thread."""
+        self._call(self._closing.set)
+        self._thread.join(4.0 * CLOSE_TIMEOUT)
 
-    def _awake(self) -> None:
+    def _full(self, topic: str) -> str:
+        return topic if topic == "/clock" else self._namespace + topic
+
+    def _call(self, function: Callable[..., Any], *arguments: Any) -> None:
+        """Let the thread call a function."""
         with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(function, *arguments)
             self._loop.call_soon_threadsafe(self._wake.set)
 
-    def _register(self, operation: str, topic: str, kind: str, **how: Any) -> None:
-        topic = self._full(topic)
-        data = {"op": operation, "topic": topic, "type": kind.replace("/msg/", "/"), **how}
-        with self._lock:
-            self._topics[f"{operation} {topic}"] = data
-        self._send(data)
+    def _register(self, **data: Any) -> None:
+        self._call(self._topics.__setitem__, (data["op"], data["topic"]), data)
+        self._call(self._send, data)
 
     def _send(self, data: dict[str, Any]) -> None:
-        with self._lock:
-            if not self.error:
-                self._outgoing.setdefault("", deque()).append(data)
-        self._awake()
+        if not self.error:
+            self._outgoing.setdefault("", deque()).append(data)
 
-    def _take(self) -> dict[str, Any] | None:
+    def _put(self, topic: str, message: Any) -> None:
+        if topic in self._refused:
+            return
+        is_latched = self._topics["advertise", topic]["latch"]  # rosbridge warns if messages do not repeat it
+        data = {"op": "publish", "topic": topic, "msg": message, "latch": is_latched}
+        if is_latched:
+            self._latched[topic] = data
+        if not self.error:
+            self._outgoing.setdefault(topic, deque(maxlen=1 if is_latched else MAX_WAITING)).append(data)
+
+    def _take(self) -> dict[str, Any]:
         """Return what is to be sent next: operations first, then one message of each topic in turn."""
-        with self._lock:
-            topic = next(iter(self._outgoing), None) if "" not in self._outgoing else ""
-            if topic is None:
-                return None
-            waiting = self._outgoing.pop(topic)
-            content = waiting.popleft()
-            if waiting:
-                self._outgoing[topic] = waiting
-        if topic == "":
-            return content
-        content = content() if callable(content) else content
-        latch = self._topics[f"advertise {topic}"]["latch"]  # rosbridge warns if messages do not repeat it
-        return {"op": "publish", "topic": topic, "msg": content, "latch": latch}
+        topic = "" if "" in self._outgoing else next(iter(self._outgoing))
+        waiting = self._outgoing.pop(topic)
+        data = waiting.popleft()
+        if waiting:
+            self._outgoing[topic] = waiting
+        return data | {"msg": data["msg"]()} if callable(data.get("msg")) else data
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -184,13 +178,12 @@ class Rosbridge:
 
     async def _connect(self) -> None:
         inform, pause = said_once(LOGGER.info), 0.05
-        how: Any = {"ping_interval": PING_PERIOD, "ping_timeout": MAX_SILENCE, "max_size": MAX_BYTES}
-        while not self._is_closed.is_set():
+        how: Any = {"open_timeout": 2.0, "close_timeout": CLOSE_TIMEOUT, "compression": None, "max_size": MAX_BYTES}
+        how |= {"ping_interval": PING_PERIOD, "ping_timeout": MAX_SILENCE}
+        while not self._closing.is_set():
             if self._is_ready():
                 try:
-                    async with connect(
-                        self.url, open_timeout=2.0, close_timeout=CLOSE_TIMEOUT, compression=None, **how
-                    ) as socket:
+                    async with connect(self.url, **how) as socket:
                         if self._receivers:
                             inform(f"connected to {self.url}")
                         await self._use(socket)
@@ -198,46 +191,34 @@ class Rosbridge:
                 except Exception as error:  # also those of a connection that is reset while it closes
                     reason = f"{type(error).__name__}: {shortened(error)}"
                     if _is_too_big(error):
-                        reason = f"messages of {self._largest[0]} bytes are too large for the server"
-                        self._refuse(self._largest[1])
-                with self._lock:
-                    self.error = reason
-                    self._outgoing.clear()
-                if not self._is_closed.is_set():
+                        size, topic = self._largest
+                        reason = f"messages of {size} bytes are too large for the server"
+                        self._refused.add(topic)
+                        self._latched.pop(topic, None)
+                self.error = reason
+                self._outgoing.clear()
+                if not self._closing.is_set():
                     self._warn(f"no connection to {self.url}: {reason}")
                 pause = RETRY_PERIOD
-            self._wake.clear()
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._until_closed(), pause)
-
-    def _refuse(self, topic: str) -> None:
-        """Send no more messages of a topic, whose size ends the connection."""
-        with self._lock:
-            self._refused.add(topic)
-            self._latched.pop(topic, None)
-            self._largest = (0, "")
-
-    async def _until_closed(self) -> None:
-        while not self._is_closed.is_set():
-            await self._wake.wait()
-            self._wake.clear()
+                await asyncio.wait_for(self._closing.wait(), pause)
 
     async def _use(self, socket: ClientConnection) -> None:
-        with self._lock:
-            self._outgoing = {topic: deque([message], maxlen=1) for topic, message in self._latched.items()}
-            if self._topics:
-                self._outgoing[""] = deque(self._topics.values())
-            self.error = ""
-        begun = asyncio.get_running_loop().time()
-        self._heard: set[str] = set()
-        tasks = {asyncio.create_task(each) for each in (self._read(socket), self._write(socket), self._look(begun))}
-        for task in tasks:
-            task.add_done_callback(_take_error)
-        done, others = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in others:
-            task.cancel()
-        for task in done:
-            task.result()
+        self._outgoing = {topic: deque([data], maxlen=1) for topic, data in self._latched.items()}
+        if self._topics:
+            self._outgoing[""] = deque(self._topics.values())
+        self._unheard, self._patience_ends = set(self._expected), time.monotonic() + PATIENCE
+        self._largest, self.error = (0, ""), ""
+        reading = asyncio.create_task(self._read(socket))
+        reading.add_done_callback(_take_error)
+        reading.add_done_callback(lambda _: self._wake.set())
+        while not reading.done() and (self._outgoing or not self._closing.is_set()):
+            while self._outgoing:
+                await self._write(socket, self._take())
+            await self._wake.wait()
+            self._wake.clear()
+        if reading.done():
+            reading.result()
 
     async def _read(self, socket: ClientConnection) -> None:
         async for text in socket:
@@ -246,78 +227,58 @@ class Rosbridge:
                 self._inbox_size += len(text)
                 while len(self._inbox) > MAX_WAITING or self._inbox_size > MAX_SIZE:
                     self._inbox_size -= len(self._inbox.popleft())
-            self._has_mail.set()
 
-    async def _write(self, socket: ClientConnection) -> None:
-        """Send messages in turn; a message of which nothing leaves for `MAX_SILENCE` ends the connection."""
-        while True:
-            self._wake.clear()
-            while (data := self._take()) is not None:
-                try:
-                    text = json.dumps(to_json(data))
-                except (TypeError, ValueError, RecursionError) as error:
-                    LOGGER.warning("%s: a message cannot be sent: %s", data.get("topic"), error)
-                    continue
-                self._largest = max(self._largest, (len(text), data.get("topic", "")))
-                sending = asyncio.ensure_future(socket.send(text))
-                sending.add_done_callback(_take_error)
-                left = math.inf
-                while not (await asyncio.wait({sending}, timeout=0.75 * MAX_SILENCE))[0]:
-                    if (size := socket.transport.get_write_buffer_size()) >= left:
-                        socket.transport.abort()
-                        raise ConnectionError(f"the server takes no data, with {size} bytes left")
-                    left = size
-                sending.result()
-            if self._is_closed.is_set():
-                return
-            await self._wake.wait()
-
-    async def _look(self, begun: float) -> None:
-        """Name expected topics without a message; never ends, unless cancelled."""
-        await asyncio.sleep(PATIENCE)
-        for topic in sorted(self._expected - self._heard):
-            kind = self._topics[f"subscribe {topic}"]["type"]
-            LOGGER.warning("no message on %s (%s) for %g s", topic, kind, PATIENCE)
-            self.ask("/rosapi/topics_for_type", {"type": kind}, functools.partial(self._name_topics, kind))
-            await asyncio.sleep(0.5)
-        await asyncio.Event().wait()
-
-    def _name_topics(self, kind: str, found: Any) -> None:
-        names = getattr(found, "topics", None) or ()
-        told = found if isinstance(found, str) else ", ".join(map(str, names)) or "none"  # a text is an error
-        self._warn(f"topics of type {kind}: {shortened(told)}")
-
-    def _deliver(self) -> None:
-        while not self._is_closed.is_set():
-            self._has_mail.wait()
-            self._has_mail.clear()
-            while self._inbox and not self._is_closed.is_set():
-                with self._lock:
-                    text = self._inbox.popleft()
-                    self._inbox_size -= len(text)
-                self._receive(text)
+    async def _write(self, socket: ClientConnection, data: dict[str, Any]) -> None:
+        """Send a message; end the connection if nothing of it leaves for `MAX_SILENCE`."""
+        try:
+            text = json.dumps(to_json(data))
+        except (TypeError, ValueError, RecursionError) as error:
+            LOGGER.warning("%s: a message cannot be sent: %s", data.get("topic"), error)
+            return
+        self._largest = max(self._largest, (len(text), data.get("topic", "")))
+        sending, left = asyncio.ensure_future(socket.send(text)), math.inf
+        sending.add_done_callback(_take_error)
+        while not (await asyncio.wait({sending}, timeout=0.75 * MAX_SILENCE))[0]:
+            if (size := socket.transport.get_write_buffer_size()) >= left:
+                socket.transport.abort()
+                raise ConnectionError(f"the server takes no data, with {size} bytes left")
+            left = size
+        sending.result()
 
     def _receive(self, text: str | bytes) -> None:
         try:
-            data = json.loads(text)
-            operation, receive, content = data["op"], None, None
-            if operation == "publish":
-                receive, content = self._receivers.get(data["topic"]), data["msg"]
-            elif operation == "service_response":
-                receive, content = self._receivers.get(data["service"]), data.get("values")
-            elif operation == "status" and data.get("level") in ("error", "warning"):
+            data, name, content = json.loads(text), "", None
+            if data["op"] == "publish":
+                name, content = data["topic"], data["msg"]
+            elif data["op"] == "service_response":
+                name, content = data["service"], data.get("values")
+            elif data["op"] == "status" and data.get("level") in ("error", "warning"):
                 self._on_status(shortened(data.get("msg")))
+            receive = self._receivers.get(name)
             message = from_json(content) if receive else None
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             self._warn(f"a message that is not of the rosbridge protocol: {type(error).__name__}: {shortened(error)}")
             return
-        if receive is not None:
-            name = data.get("topic") or data["service"]
-            self._heard.add(name)
-            try:
-                receive(message)
-            except Exception as error:  # other messages are still received
-                self._warn(f"{printable(name)}: messages are dropped: {type(error).__name__}: {shortened(error)}")
+        if receive is None:
+            return
+        self._unheard.discard(name)
+        try:
+            receive(message)
+        except Exception as error:  # other messages are still received
+            self._warn(f"{printable(name)}: messages are dropped: {type(error).__name__}: {shortened(error)}")
+
+    def _name(self, topic: str) -> None:
+        """Say that a topic has no messages, and which topics have its type."""
+        self._unheard.discard(topic)
+        kind = self._topics["subscribe", topic]["type"]
+        LOGGER.warning("no message on %s (%s) for %g s", topic, kind, PATIENCE)
+
+        def say(found: Any) -> None:
+            names = getattr(found, "topics", None) or ()
+            told = found if isinstance(found, str) else ", ".join(map(str, names)) or "none"  # a text is an error
+            self._warn(f"topics of type {kind}: {shortened(told)}")
+
+        self.ask("/rosapi/topics_for_type", {"type": kind}, say)
 
 
 def _take_error(task: asyncio.Future[None]) -> None:

@@ -22,6 +22,8 @@ from .server import RosbridgeServer
 from .simulated_robot import SimulatedRobot
 
 LOGGER = logging.getLogger(__name__)
+SCAN_PERIOD, TIMEOUT = 0.1, 0.5
+"""Time between scans, unless a lidar takes longer, and time for which a command holds [simulated s]."""
 
 
 @dataclass(frozen=True)
@@ -48,16 +50,8 @@ class Options:
     """Seed of world, start, noise and people."""
     rate: float = 50.0
     """Odometry messages per simulated second [Hz]."""
-    scan_rate: float = 10.0
-    """Scans per simulated second [Hz]; at most one per turn of a lidar that spins."""
     speed: float = 1.0
     """Simulated seconds per second."""
-    timeout: float = 0.5
-    """The robot stops if the last command is older [simulated s]."""
-    scan_topic: str = "/scan"
-    odom_topic: str = "/odom"
-    imu_topic: str = "/imu"
-    cmd_vel_topic: str = "/cmd_vel"
     namespace: str = ""
     """Prefix of all topics except `/clock`, such as `robot1`."""
     stamped: bool = False
@@ -72,22 +66,22 @@ class Server:
 
     def __init__(self, options: Options, bridge: Rosbridge, robot: SimulatedRobot | None = None) -> None:
         """Advertise the topics of a robot, by default a new one; ValueError for an unknown world or robot."""
-        o = self._options = options
+        self._options = options
         self.robot = robot or make_robot(options)
         self._bridge, self._command, self._commanded, self._has_warned = bridge, Twist(0.0, 0.0), -math.inf, False
         self._next_scan = self.robot.robot.lidar.scan_time
         for topic, kind in {
             "/clock": "rosgraph_msgs/msg/Clock",
-            o.odom_topic: "nav_msgs/msg/Odometry",
-            o.imu_topic: "sensor_msgs/msg/Imu",
-            o.scan_topic: "sensor_msgs/msg/LaserScan",
+            "/odom": "nav_msgs/msg/Odometry",
+            "/imu": "sensor_msgs/msg/Imu",
+            "/scan": "sensor_msgs/msg/LaserScan",
             "/tf": "tf2_msgs/msg/TFMessage",
         }.items():
             bridge.advertise(topic, kind)
         bridge.advertise("/tf_static", "tf2_msgs/msg/TFMessage", latch=True)
         bridge.publish("/tf_static", messages.static_transforms(self.robot.robot.lidar.mount))
-        kind = "geometry_msgs/msg/TwistStamped" if o.stamped else "geometry_msgs/msg/Twist"
-        bridge.subscribe(o.cmd_vel_topic, kind, self._receive)
+        kind = "geometry_msgs/msg/TwistStamped" if options.stamped else "geometry_msgs/msg/Twist"
+        bridge.subscribe("/cmd_vel", kind, self._receive)
 
     def _receive(self, message: Any) -> None:
         try:
@@ -95,34 +89,35 @@ class Server:
             command = Twist(*check_numbers("velocity command", (twist.linear.x, twist.angular.z)))
         except (AttributeError, ValueError) as error:
             if not self._has_warned:
-                LOGGER.warning("%s: wrong commands are dropped: %s", self._options.cmd_vel_topic, error)
+                LOGGER.warning("/cmd_vel: wrong commands are dropped: %s", error)
             self._has_warned = True
             return
         self._command, self._commanded = command, self.robot.time
 
     def step(self) -> None:
         """Publish the state of the robot, and simulate one period."""
-        robot, publish, o = self.robot, self._bridge.publish, self._options
+        robot, publish = self.robot, self._bridge.publish
         now, lidar = messages.RESET_STAMP + robot.time, robot.robot.lidar
         publish("/clock", messages.clock(now))
-        publish(o.odom_topic, messages.odometry(now, robot.odometry, robot.twist))
-        publish(o.imu_topic, messages.imu(now, robot.reading.yaw_rate))
+        publish("/odom", messages.odometry(now, robot.odometry, robot.twist))
+        publish("/imu", messages.imu(now, robot.reading.yaw_rate))
         publish("/tf", messages.transforms(now, (messages.ODOM, messages.BASE, robot.odometry)))
         if robot.time >= self._next_scan - 1e-9:
-            period = max(1.0 / o.scan_rate, lidar.scan_time)
+            period = max(SCAN_PERIOD, lidar.scan_time)
             self._next_scan += period
             clear, invalid = (0.0, -1.0) if lidar.no_return == "zero" else (lidar.range_max + 1.0, 0.0)
             # rosbridge refuses infinite numbers and NaN; numbers outside of the limits mean the same.
             ranges = np.nan_to_num(robot.reading.ranges, nan=invalid, posinf=clear)
             began = now - lidar.time_increment * (lidar.num_beams - 1)
-            publish(o.scan_topic, messages.laser_scan(began, ranges, lidar, period, lidar.time_increment))
-        is_fresh = robot.time - self._commanded <= o.timeout
+            publish("/scan", messages.laser_scan(began, ranges, lidar, period, lidar.time_increment))
+        is_fresh = robot.time - self._commanded <= TIMEOUT
         robot.step(self._command if is_fresh else Twist(0.0, 0.0))
 
     def run(self, is_over: threading.Event) -> None:
         """Simulate at the chosen multiple of real time."""
         began, speed = time.monotonic() - self.robot.time / self._options.speed, self._options.speed
         while not is_over.is_set():
+            self._bridge.spin()
             self.step()
             ahead = self.robot.time / speed - (time.monotonic() - began)
             began -= min(ahead, 0.0)  # if too slow, do not catch up
@@ -144,7 +139,7 @@ def main(options: Options) -> None:
         ValueError: an option has a value that is not allowed.
         OSError: the port cannot be opened.
     """
-    check_positive(speed=options.speed, rate=options.rate, scan_rate=options.scan_rate, timeout=options.timeout)
+    check_positive(speed=options.speed, rate=options.rate)
     if options.port is not None and options.url is not None:
         raise ValueError("url is of another server, port of one that is opened: give one of them")
     if options.port is None and options.bind != Options.bind:

@@ -47,10 +47,7 @@ def limited(grid: OccupancyGrid) -> OccupancyGrid:
     factor = int(np.ceil(np.sqrt(grid.data.size / MAX_CELLS)))
     while -(-grid.data.shape[0] // factor) * -(-grid.data.shape[1] // factor) > MAX_CELLS:
         factor += 1
-    if factor == 1:
-        return OccupancyGrid(grid.data.copy(), grid.resolution, grid.origin)
-    rows, columns = (-(-size // factor) for size in grid.data.shape)
-    data = np.full((rows * factor, columns * factor), -1, dtype=grid.data.dtype)
-    data[: grid.data.shape[0], : grid.data.shape[1]] = grid.data
-    data = data.reshape(rows, factor, columns, factor).max(axis=(1, 3))
+    data = grid.data
+    for axis in (0, 1):
+        data = np.maximum.reduceat(data, np.arange(0, data.shape[axis], factor), axis=axis)
     return OccupancyGrid(data, factor * grid.resolution, grid.origin)

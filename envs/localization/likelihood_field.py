@@ -50,9 +50,11 @@ def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: f
         return np.full(obstacles.shape, max_distance)
     reach = math.ceil(max_distance / resolution)
     if 1 <= reach <= MAX_REACH:
-        squared = squared_distances(obstacles, reach)
-        return np.minimum(np.sqrt(squared, dtype=np.float64) * resolution, max_distance)
-    return np.minimum(ndimage.distance_transform_edt(~obstacles) * resolution, max_distance)
+        distances = np.sqrt(squared_distances(obstacles, reach), dtype=np.float64)
+    else:
+        distances = ndimage.distance_transform_edt(~obstacles)
+    distances *= resolution  # in place: large maps with a margin have many cells
+    return np.minimum(distances, max_distance, out=distances)
 
 
 class Field(NamedTuple):

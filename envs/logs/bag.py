@@ -7,9 +7,9 @@ import numpy as np
 from lidarnaut.envs.files import MAX_BYTES
 
 from .bag_reader import NEEDED, ODOMETRY, SCAN, TRANSFORMS, BagReader, open_bag
-from .scans import LogContent, Scan, in_base_frame
+from .scans import LogContent, Scan, in_base_frame, scan_of
 from .trajectory import compose_poses, describe_jump_back
-from .transforms import MIN_LEVEL, MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
+from .transforms import MIN_LEVEL, MIN_UPRIGHT, FrameTree, frame_name, planar
 
 ODOM_FRAME = "odom"
 BASE_FRAMES = ("base_footprint", "base_link")
@@ -83,15 +83,11 @@ def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[li
     scans: dict[str, list[Scan]] = {}
     size = 0
     for message in bag.messages(topic):
-        ranges = np.array(message.ranges, dtype=np.float32)
-        ranges[ranges < 0.0] = np.nan
-        size += ranges.nbytes
+        scan = scan_of(message)
+        scan.ranges[scan.ranges < 0.0] = np.nan
+        size += scan.ranges.nbytes
         if size > MAX_BYTES:
             raise bag.error(f"{topic}: unpacks to {size:,} bytes; at most {MAX_BYTES:,} are allowed")
-        beams = float(message.angle_min), float(message.angle_increment)
-        limits = float(message.range_min), float(message.range_max)
-        scan = Scan(ranges, *beams, *limits, time=seconds(message.header.stamp))
-        scan = scan._replace(time_increment=float(message.time_increment))
         scans.setdefault(frame_name(message.header.frame_id), []).append(scan)
     frame = laser_frame if laser_frame in scans else next(iter(scans))
     if len(scans) > 1 and frame != laser_frame:

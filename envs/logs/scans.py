@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from lidarnaut.envs.geometry.scan_resampling import SAME_POSITION, resample_scan
 from lidarnaut.envs.robots.robot_params import MAX_BEAMS, MAX_LENGTH
 
 from .trajectory import CLOCK_JITTER, interpolate_poses, trajectory_errors
+from .transforms import seconds
 
 MAX_RANGE_LIMIT = 1000.0
 """Maximum plausible range limit of a lidar [m]; some drivers report inf."""
@@ -88,6 +89,30 @@ def advise_on_zeros(num_zeros: int, num_clear: int, num_beams: int) -> str:
         return ""
     share = f"{100.0 * num_zeros / num_beams:.0f} % of the beams are 0.0, which counts as invalid and clears nothing"
     return f"{share}; if 0.0 is the lidar's no return, as the LDS-01's, set no_return to zero (--no-return zero)"
+
+
+def number(message: Any, name: str) -> float:
+    """Return a number of a message; NaN if it is null or absent."""
+    value = getattr(message, name, None)
+    return math.nan if value is None else float(value)
+
+
+def scan_of(message: Any, null: float = math.nan) -> Scan:
+    """Return the scan of a `sensor_msgs/LaserScan`, in the lidar's frame; ranges that are None become `null`."""
+    given = [] if message.ranges is None else message.ranges
+    with np.errstate(over="ignore"):  # out of range
+        ranges = np.array(given, dtype=np.float32)
+    if isinstance(given, list):
+        ranges[np.array([each is None for each in given], dtype=bool)] = null
+    return Scan(
+        ranges,
+        first=number(message, "angle_min"),
+        step=number(message, "angle_increment"),
+        range_min=number(message, "range_min"),
+        range_max=number(message, "range_max"),
+        time=seconds(message.header.stamp),
+        time_increment=float(getattr(message, "time_increment", None) or 0.0),
+    )
 
 
 def in_base_frame(scan: Scan, mount: np.ndarray) -> Scan:

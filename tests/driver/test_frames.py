@@ -516,12 +516,12 @@ def test_goals_of_the_odometry_and_the_base_frame_are_moved_to_the_map_and_other
             assert tuple(driver.env.task.goal) == pytest.approx(tuple(goal))
     assert not caplog.records
     before = driver.env.task.goal
-    for _ in range(2):
+    for _ in range(2):  # said once
         topics.publish("/goal_pose", pose_message("earth", Pose2D(9.0, 9.0, 0.0)))
     assert driver.env.task.goal == before
     assert [text.partition(";")[0] for text in caplog.messages] == [
         "goal: messages of frame 'earth' are ignored, expected 'map'"
-    ] * 2
+    ]
 
 
 def test_an_initial_pose_of_another_frame_is_refused(caplog):

@@ -148,6 +148,8 @@ def test_topics_of_a_namespace(broker):
         def publish():  # again, since subscriptions of another connection may arrive later
             for bridge, topic in published:
                 bridge.publish(topic, {"data": True})
+            one.spin()
+            other.spin()
             return received.keys() == {"/goal_pose", "/robot1/odom", "/clock"}
 
         wait_for(publish)
@@ -168,7 +170,7 @@ def test_a_subscriber_that_fails_does_not_end_the_connection(broker, caplog):
         wait_for(lambda: not bridge.error)
         for _ in range(2):
             bridge.publish("/test", {"data": True})
-        wait_for(lambda: received)
+        wait_for(lambda: bridge.spin() or received)
         assert caplog.text.count("/test: messages are dropped: RuntimeError: not now") == 1
         with pytest.raises(ValueError, match="url must begin with ws://"):
             Rosbridge("http://localhost")
@@ -181,6 +183,8 @@ class Topics:
 
     def __init__(self):
         self.receivers, self.last = {}, {}
+        self.waiting = None
+        """Messages that wait for `spin`; None to receive them at once."""
 
     def advertise(self, topic, kind, *, latch=False):
         pass
@@ -191,6 +195,14 @@ class Topics:
     def publish(self, topic, message):
         self.last[topic] = message
         if topic in self.receivers:
+            if self.waiting is None:
+                self.receivers[topic](message)
+            else:
+                self.waiting.append((topic, message))
+
+    def spin(self):
+        while self.waiting:
+            topic, message = self.waiting.popleft()
             self.receivers[topic](message)
 
 
