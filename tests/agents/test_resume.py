@@ -26,7 +26,7 @@ def test_the_page_about_resuming_has_the_table():
     section = page.partition("## Keys that may change")[2].partition("\n## ")[0]
     rows = re.findall(r"^\| `([a-z_.]+)` \|(.*)\|$", section, re.MULTILINE)
     shown = {key: [cell.strip() for cell in cells.split("|")] for key, cells in rows}
-    kinds = ("training", "sweep", "evolution")
+    kinds = ("training", "sweep", "evolution", "completion")
     assert shown == {key: ["yes" if kind in said else "no" for kind in kinds] for key, said in MAY_CHANGE.items()}
 
 

@@ -43,6 +43,8 @@ class Session(drive.Session):
             self.seconds = self.robot.time
         if self.seconds < math.inf or self.robot.time > TIME_LIMIT:
             self.is_over.set()
+        if self.is_over.is_set() and self.seconds == math.inf:
+            report(f"time limit, explored {self.coverage.explored_fraction:.3f}, last stop: {self.reason or 'none'}")
         return command
 
 
