@@ -560,7 +560,7 @@ def test_a_drive_ends_by_itself(caplog):
     run = Drive(time_limit=1.0)
     assert run.run(30.0) is False
     assert "not done within 1 s" in caplog.text
-    assert run.robot.time < 20.0
+    assert 1.0 < run.session._progress.elapsed < 12.0  # the clock may step by ten seconds
     run = Drive()
     run.step(5)
     run.session.driver._policy.end_reason = "nothing_left"
