@@ -1,1 +1,1 @@
-"""Completion of maps: a network that predicts the floor beyond what a robot has seen."""
+"""Completion of maps: a network that predicts the floor beyond the known part of a map."""

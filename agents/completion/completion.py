@@ -11,6 +11,7 @@ import safetensors.torch
 import torch
 from safetensors import SafetensorError
 
+from lidarnaut.agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE
 from lidarnaut.agents.frontiers.tasks import SPLIT
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.threads import one_thread
@@ -21,7 +22,8 @@ from lidarnaut.envs.geometry import OccupancyGrid
 from .network import CompletionNetwork, channels_of
 from .raster import CELL, turned_raster, wall_direction
 
-WEIGHTS_FILE, RECORD_FILE, KIND = "weights.safetensors", "policy.json", "completion"
+KIND = "completion"
+"""Value of `kind` in the record of a policy folder that holds a completion."""
 
 
 class Completion:

@@ -9,6 +9,7 @@ import io
 import itertools
 import json
 import math
+import shutil
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import NamedTuple
@@ -89,14 +90,14 @@ def train_completion(
         held.callback(torch.set_num_threads, torch.get_num_threads())
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)
+        training = _Training(config, run)
         try:
-            training = _Training(config, run)
             collected = _collect(config, run, pool, TRAINING_STREAM, config.episodes, progress)
             kept = _collect(config, run, pool, VALIDATION_STREAM, config.validation_episodes, progress)
             with Progress(total=config.total_steps, initial=training.steps, disable=not progress, unit="step") as bar:
                 training.fit(collected, kept, bar)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"; resume with --resume {run}") from None
+            raise KeyboardInterrupt(f"after step {training.steps}; resume with --resume {run}") from None
     return run
 
 
@@ -151,6 +152,7 @@ class _Training:
                 self._save()
         self._log.close()
         record = {"seed": config.seed, "steps": self.steps, **self._validated[-1]}
+        shutil.rmtree(self._run / POLICY, ignore_errors=True)
         Completion(self._network).save(self._run / POLICY, record)
 
     def _step(self, examples: list[Example], shares: np.ndarray) -> float:

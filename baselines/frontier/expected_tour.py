@@ -1,4 +1,4 @@
-"""Choice of frontiers by short tours over an expected map: known floor, and what lies behind the frontiers.
+"""Choice of frontiers by short tours over an expected map: known floor, and predicted floor behind the frontiers.
 
 The first part of a tour is certain, the rest is expected; the choice is made anew as the map grows.
 """
@@ -32,13 +32,13 @@ START_REACH = 2
 
 
 @dataclass(frozen=True, slots=True)
-class TourOverExpected:
+class ExpectedTourParams:
     """Parameters of tours over an expected map."""
 
     reach: PositiveFloat = 2.0
     """Predicted floor counts up to this distance from known floor [m]."""
     threshold: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
-    """Probability from which unknown cells count as floor."""
+    """Minimum probability of unknown cells that count as floor."""
     may_leave: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.02
     """Fraction of known and expected floor that a tour need not see."""
     bonus: NonNegativeFloat = 0.5
@@ -159,7 +159,7 @@ def _tours(cover, firsts, target, num_rounds, rng):
 class ExpectedTour:
     """Rule that scores frontiers: minus the length of a short tour that begins there and sees the expected floor."""
 
-    def __init__(self, predict: Predict, params: TourOverExpected = TourOverExpected()) -> None:
+    def __init__(self, predict: Predict, params: ExpectedTourParams = ExpectedTourParams()) -> None:
         self.predict, self.params = predict, params
         self._gain_over_cost = GainOverCost()
 
@@ -230,7 +230,7 @@ class ExpectedTour:
         return _Places(between, before, sees, taken[:-1], int(taken[-1]))
 
     def _viewpoints(self, expected: ExpectedMap, samples: np.ndarray, sight: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return cells on a lattice that see samples, shape (n, 2), int64, and what they see, shape (n, words)."""
+        """Return cells on a lattice that see samples, shape (n, 2), int64, and their views, as `views_from` does."""
         most, reach = self.params.max_viewpoints, min(int(sight), MAX_REACH)
         is_near = squared_distances(expected.expected > 0.0, reach) <= reach**2
         cells = np.argwhere((expected.weights > 0) & is_near)

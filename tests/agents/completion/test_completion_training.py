@@ -55,9 +55,12 @@ def test_a_stopped_training_goes_on_with_the_same_result(run, tmp_path, stop, mo
         else:
             step, real = iter(range(10)), training._draw_crop
             patch.setattr(training, "_draw_crop", lambda *of: real(*of) if next(step) < 7 else interrupt())
-        with pytest.raises(KeyboardInterrupt, match="resume with --resume"):
+        with pytest.raises(
+            KeyboardInterrupt, match=f"after step {0 if stop == 'snapshots' else 3}; resume with --resume"
+        ):
             train_completion(config, run=tmp_path / "run", progress=False)
-    assert train_command.main(["--resume", str(tmp_path / "run")]) == 0
+    for _ in range(2):  # a finished training stays as it is
+        assert train_command.main(["--resume", str(tmp_path / "run")]) == 0
     weights = [path / "policy" / "weights.safetensors" for path in (run, tmp_path / "run")]
     assert weights[0].read_bytes() == weights[1].read_bytes()
     with pytest.raises(CheckpointError, match="total_steps"):

@@ -3,7 +3,7 @@ import pytest
 
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.frontier.expected_map import Prediction, expect_map
-from lidarnaut.baselines.frontier.expected_tour import ExpectedTour, TourOverExpected
+from lidarnaut.baselines.frontier.expected_tour import ExpectedTour, ExpectedTourParams
 from lidarnaut.baselines.frontier.pursuit_explorer import PursuitDriving
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.tasks.explore import Explore
@@ -48,7 +48,7 @@ def test_expected_floor_is_near_known_floor_and_connected_to_it(angle):
 
 def chosen_side(*boxes, x=5.0, **params):
     candidates, belief = candidates_from(x, 0.0), belief_at(x, 0.0)
-    rule = ExpectedTour(predict_boxes(*boxes), TourOverExpected(**params))
+    rule = ExpectedTour(predict_boxes(*boxes), ExpectedTourParams(**params))
     rule.reset(BURGER, np.random.default_rng(0))
     scores = rule(candidates, belief)
     return candidates["frontier"][scores.argmax()][0] > 5.0
