@@ -2,8 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from lidarnaut.baselines.frontier.expected_tour import ExpectedTour
 from lidarnaut.baselines.frontier.pursuit_explorer import PERIOD, PursuitDriving
+from lidarnaut.envs.navigation import Markers
 
 from .completion import Completion
 
@@ -18,6 +21,19 @@ class ForesightExplorer(PursuitDriving):
 
     def __init__(self, completion: Completion) -> None:
         super().__init__(ExpectedTour(completion), max_time=PERIOD)
+
+    @property
+    def markers(self) -> Markers | None:  # type: ignore[override]
+        """Those of the frontiers, and the predicted floor and the tour of the last choice."""
+        markers, expected = super().markers, self.rule.expected if self._has_begun else None
+        if markers is None or expected is None or not len(markers.chosen):
+            return markers
+        cells = np.argwhere(expected.expected > 0.0)
+        centres = np.array(expected.origin) + (cells[:, ::-1] + 0.5) * expected.side
+        predicted = np.column_stack([centres, expected.expected[tuple(cells.T)]])
+        chosen = np.abs(markers.clusters - markers.chosen).sum(axis=1).argmin() if len(markers.clusters) else -1
+        tour = self.rule.tours.get(int(chosen), markers.tour)
+        return markers._replace(predicted=predicted, side=expected.side, tour=tour)
 
     @classmethod
     def load(cls, folder: str | Path) -> "ForesightExplorer":

@@ -71,6 +71,8 @@ class _Places(NamedTuple):
     frontiers: np.ndarray
     """Indices of the frontiers; -1 for frontiers that no traversable cell is near."""
     robot: int
+    points: np.ndarray
+    """Positions, shape (n, 2), map frame [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -148,12 +150,12 @@ def _nearest_traversable(weights, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def _tours(cover, firsts, target, num_rounds, rng):
-    """Return the lengths of short tours [m] that begin at each of `firsts` and see `target` samples (a number)."""
-    totals = np.empty(len(firsts))
+    """Return short tours (indices) that begin at each of `firsts` and see `target` samples, and their lengths [m]."""
+    tours, totals = [np.array([first]) for first in firsts], np.empty(len(firsts))
     for k in range(len(firsts)):
-        tour, _ = search_tour(cover, cover.sees[firsts[k]], target, np.array([firsts[k]]), num_rounds, rng)
-        totals[k] = tour_length(cover.lengths, tour)
-    return totals
+        tours[k], _ = search_tour(cover, cover.sees[firsts[k]], target, tours[k], num_rounds, rng)
+        totals[k] = tour_length(cover.lengths, tours[k])
+    return tours, totals
 
 
 class ExpectedTour:
@@ -166,12 +168,15 @@ class ExpectedTour:
     def reset(self, robot: RobotParams, rng: np.random.Generator) -> None:
         self._robot, self._rng = robot, rng
         self.expected: ExpectedMap | None = None
-        """Expected map of the last choice; None before the first one."""
+        """Expected map of the last choice; None if it had a single frontier."""
+        self.tours: dict[int, np.ndarray] = {}
+        """Tours that began at each compared frontier of the last choice, by index: shape (n, 2), map frame [m]."""
         if hasattr(self.predict, "reset"):
             self.predict.reset()
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
         scores, compared = np.full(len(candidates), -np.inf), self._shortlist(candidates, belief)
+        self.expected, self.tours = None, {}
         scores[compared] = -self._totals(candidates, belief, compared) if len(compared) > 1 else 0.0
         if candidates.chosen >= 0:
             scores[candidates.chosen] += self.params.bonus
@@ -207,7 +212,8 @@ class ExpectedTour:
         has_place = places.frontiers >= 0
         lengths = np.full(len(compared), UNCONNECTED)
         firsts, target = places.frontiers[has_place], max(int(in_view - may_leave), 0)
-        lengths[has_place] = _tours(cover, firsts, target, params.num_rounds, self._rng)
+        tours, lengths[has_place] = _tours(cover, firsts, target, params.num_rounds, self._rng)
+        self.tours = {k: places.points[tour] for k, tour in zip(compared[has_place].tolist(), tours, strict=True)}
         return costs + lengths
 
     def _places(self, expected: ExpectedMap, samples: np.ndarray, points: np.ndarray) -> _Places | None:
@@ -227,7 +233,8 @@ class ExpectedTour:
         taken = np.full(len(points), -1, dtype=np.int64)
         taken[is_placed] = owners[tuple(ends[is_placed].T)]
         between = np.minimum(between * expected.side, UNCONNECTED)
-        return _Places(between, before, sees, taken[:-1], int(taken[-1]))
+        centres = np.array(expected.origin) + (cells[:, ::-1] + 0.5) * expected.side
+        return _Places(between, before, sees, taken[:-1], int(taken[-1]), centres)
 
     def _viewpoints(self, expected: ExpectedMap, samples: np.ndarray, sight: float) -> tuple[np.ndarray, np.ndarray]:
         """Return cells on a lattice that see samples, shape (n, 2), int64, and their views, as `views_from` does."""

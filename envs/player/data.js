@@ -2,7 +2,7 @@
 
 const UNKNOWN = 0, FREE = 1, OCCUPIED = 2;
 const VISIBLE_ERROR = 0.05; // least distance of estimated and true path that can be seen [m]
-const CLUSTER = 0, CHOSEN = 1, POINT = 2, GLOBAL_TREE = 3, LOCAL_TREE = 4; // kinds of markers
+const CLUSTER = 0, CHOSEN = 1, POINT = 2, GLOBAL_TREE = 3, LOCAL_TREE = 4, PREDICTED = 5, TOUR = 6; // markers
 const TYPES = { float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
 
 /** Decode the page's data into episodes. */
@@ -131,7 +131,7 @@ class Episode {
     return found.sort((a, b) => (Number.isNaN(a.score) ? a.cost - b.cost : b.score - a.score));
   }
 
-  /** Return the policy's markers at a sample: kind and both ends, world frame. */
+  /** Return the policy's markers at a sample: kind and both ends, world frame; probability and side of cells. */
   markersAt(i) {
     const { markers, about, shownMarkers: shown } = this;
     if (i < this.markerSample) {
@@ -143,7 +143,8 @@ class Episode {
       const row = markers.subarray(6 * this.markerRow + 1, 6 * this.markerRow + 6), key = row.join();
       if (shown.delete(key)) continue;
       const [kind, x0, y0, x1, y1] = row;
-      shown.set(key, { kind, ends: [compose(about.start, x0, y0), compose(about.start, x1, y1)] });
+      const ends = [compose(about.start, x0, y0), compose(about.start, x1, y1)];
+      shown.set(key, { kind, ends, probability: x1, side: y1 }); // the last two of predicted cells
     }
     this.markerSample = i;
     return [...shown.values()];

@@ -143,10 +143,15 @@ class Panels {
     }
   }
 
-  /** Draw random trees, found points, and goals without scores, the chosen ones filled. */
+  /** Draw predicted floor, tour, random trees, found points, and goals without scores, the chosen ones filled. */
   drawMarkers(context) {
     const { colors, view, markers } = this, of = (kind) => markers.filter((one) => one.kind === kind);
-    for (const [kind, color] of [[GLOBAL_TREE, colors.global], [LOCAL_TREE, colors.local]]) {
+    for (const { ends: [[x, y]], probability, side } of of(PREDICTED)) {
+      context.globalAlpha = probability;
+      view.disc(context, x, y, side / 2, colors.predicted, 1);
+    }
+    context.globalAlpha = 1;
+    for (const [kind, color] of [[TOUR, colors.tour], [GLOBAL_TREE, colors.global], [LOCAL_TREE, colors.local]]) {
       for (const { ends } of of(kind)) view.line(context, ends, color, 1.4);
     }
     for (const { ends: [[x, y]] } of of(POINT)) view.disc(context, x, y, 0, colors.local, 2.5);

@@ -23,6 +23,8 @@ const LEGEND = [
   ["frontier", "frontier", "", (episode) => episode.hasFrontier()],
   ["global tree", "global", "", (episode) => episode.hasMarker(GLOBAL_TREE)],
   ["local tree, found points", "local", "", (episode) => episode.hasMarker(LOCAL_TREE) || episode.hasMarker(POINT)],
+  ["predicted floor", "predicted", "dot", (episode) => episode.hasMarker(PREDICTED)],
+  ["tour", "tour", "", (episode) => episode.hasMarker(TOUR)],
   ["candidate", "frontier", "dot", (episode) => hasCandidates(episode) || episode.hasMarker(CLUSTER)],
   ["chosen candidate", "plan", "dot", hasChosen],
   ["plan", "plan", "", (episode) => episode.plans.length],

@@ -113,7 +113,9 @@ class EpisodeRecorder:
         self._plans.append(np.empty((0, 2)) if env.overlay.plan is None else corners(env.overlay.plan, PLAN_TOLERANCE))
         self._tracks.append(env.overlay.tracks)
         # Decisions contain the frontiers of a navigator.
-        markers = env.overlay.markers() if env.overlay.markers and self._offered() is None else None
+        markers = env.overlay.markers() if env.overlay.markers else None
+        if markers is not None and self._offered() is not None:
+            markers = markers._replace(clusters=NO_POINTS, chosen=NO_POINTS)
         before, self._shown = self._shown, {row.tobytes() for row in marker_rows(markers or Markers())}
         changes = np.frombuffer(b"".join(sorted(before ^ self._shown)), dtype=np.float32).reshape(-1, 5)
         self._markers.append(np.insert(changes, 0, len(self._markers), axis=1))
@@ -176,7 +178,10 @@ def marker_rows(markers: Markers) -> np.ndarray:
     """Return markers as rows of `Recording.markers` without sample, shape (n, 5), float32, rounded to millimetres."""
     parts = [np.column_stack([points, points]) for points in markers[:3]]
     parts += [edges.reshape(-1, 4) for edges in markers.trees]
-    rows = np.concatenate([np.insert(part, 0, min(kind, 4), axis=1) for kind, part in enumerate(parts)])
+    cells = np.column_stack([markers.predicted[:, :2], markers.predicted[:, 2].round(1)])
+    last = [np.insert(cells, 3, markers.side, axis=1), np.column_stack([markers.tour[:-1], markers.tour[1:]])]
+    kinds = [min(kind, 4) for kind in range(len(parts))] + [5, 6]
+    rows = np.concatenate([np.insert(part, 0, kind, axis=1) for kind, part in zip(kinds, parts + last, strict=True)])
     # Positions in a growing map differ by rounding errors, and zeros by their signs.
     return (rows.round(3) + 0.0).astype(np.float32)
 

@@ -93,8 +93,9 @@ class Recording:
     """Grid of the floor to explore, world frame: 1 for cells to explore, else 0; a single 0 for other tasks."""
     markers: Annotated[np.ndarray, np.float32, "markers", 6] = field(default_factory=lambda: np.empty((0, 6), "f4"))
     """Markers of the policy that appear or vanish: index of the sample, kind (0 candidate goal, 1 chosen goal, 2 found
-    point, 3 edge of the global tree, 4 edge of a local tree), position (x, y), end of an edge (x, y), map frame [m].
-    Older recordings have none."""
+    point, 3 edge of the global tree, 4 edge of a local tree, 5 cell predicted to be floor, 6 part of the tour),
+    position (x, y), end of an edge (x, y) or probability and side of a cell, map frame [m]. Older recordings have
+    none."""
 
     @classmethod
     def of(cls, about: dict[str, Any], **arrays: Any) -> "Recording":

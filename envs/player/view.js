@@ -3,7 +3,7 @@
 const WALL_MARGIN = 0.3; // around the walls [m]
 const COLORS = [
   ..."ink muted line paper true estimated plan goal frontier lidar person floor outside wall free occupied".split(" "),
-  ..."unknown contact first second global local".split(" "),
+  ..."unknown contact first second global local predicted tour".split(" "),
 ];
 
 /** Return the theme's colors by name. */

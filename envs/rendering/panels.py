@@ -9,6 +9,7 @@ from scipy import ndimage
 
 from lidarnaut.envs.estimation.scan_points import ScanGeometry, scan_ends
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.navigation.frontiers.frontiers import frontier_mask
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.worlds import World
@@ -145,6 +146,7 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
         for first, last in ends.tolist():
             pygame.draw.line(surface, style.LOOP, first, last, 2)
     if scene.markers is not None:
+        _draw_predicted(surface, view, scene.markers, start)
         for k, edges in enumerate(scene.markers.trees):
             for first, last in view.pixels(start.transform(edges.reshape(-1, 2))).reshape(-1, 2, 2).tolist():
                 pygame.draw.line(surface, style.LOCAL_TREE if k else style.GLOBAL_TREE, first, last, 4)
@@ -162,6 +164,17 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
         if not (one.has_known_map and one.belief.is_lost):
             draw_robot(surface, view, one.robot, one.estimated_pose, style.ESTIMATED)
         draw_robot(surface, view, one.robot, one.pose, style.TRUE, ghost=True)
+
+
+def _draw_predicted(surface: pygame.Surface, view: View, markers: Markers, start: Pose2D) -> None:
+    """Draw cells predicted to be floor, the more opaque the more probable, and the tour."""
+    radius = max(0.5 * markers.side * view.scale, 1.0)
+    cells = pygame.Surface(view.size, pygame.SRCALPHA, 32)
+    pixels, alphas = view.pixels(start.transform(markers.predicted[:, :2])), 255.0 * markers.predicted[:, 2]
+    for centre, alpha in zip(pixels.tolist(), alphas.astype(int).tolist()):
+        pygame.draw.circle(cells, (*style.PREDICTED, alpha), centre, radius)
+    surface.blit(cells, (0, 0))
+    draw_path(surface, view.pixels(start.transform(markers.tour)), style.TOUR, 3)
 
 
 def _draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:

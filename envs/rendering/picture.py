@@ -50,6 +50,12 @@ FURTHER_LEGENDS = {
     "tested": (("best tested pose", style.COSTS[0], "disc"), ("worst", style.COSTS[-1], "disc")),
 }
 """Legend entries of the map panel by the attribute of scenes that has them."""
+TOUR_LEGEND = (
+    *FURTHER_LEGENDS["markers"][:2],
+    ("predicted floor", style.PREDICTED, "disc"),
+    ("tour", style.TOUR, "line"),
+)
+"""Legend entries of markers with predicted floor, which have no trees."""
 
 
 class Typesetter:
@@ -107,7 +113,9 @@ class Picture:
         left, top = self._boxes[1].left + 200, self._boxes[1].top - FOOTER // 2
         for name in (name for name in FURTHER_LEGENDS if getattr(scene, name) is not None):
             top -= 16
-            self._text.legend(self._frame, pygame.Rect(left, 0, 0, top), FURTHER_LEGENDS[name])
+            has_tour = scene.markers is not None and name == "markers" and len(scene.markers.predicted)
+            entries = TOUR_LEGEND if has_tour else FURTHER_LEGENDS[name]
+            self._text.legend(self._frame, pygame.Rect(left, 0, 0, top), entries)
         if scene.tested is not None and len(scene.tested):
             self._draw_tested(scene.start.transform(scene.tested[:, :2]), scene.tested[:, 3])
         self._draw_scale(view.scale / SUPERSAMPLING)

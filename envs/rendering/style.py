@@ -21,6 +21,8 @@ SEEN_ALPHA, BEAM_ALPHA = 70, 130
 """Opacity of the scanned area and of lidar beams, from 0 to 255."""
 GLOBAL_TREE: Colour = (120, 150, 215)
 LOCAL_TREE: Colour = (204, 150, 20)
+PREDICTED: Colour = (240, 228, 66)
+TOUR: Colour = (204, 121, 167)
 COSTS: tuple[Colour, ...] = ((253, 231, 37), (94, 201, 98), (33, 145, 140), (59, 82, 139), (68, 1, 84))
 """Colors of tested poses from the lowest to the highest cost, from the color map viridis."""
 PERSON: Colour = (230, 159, 0)

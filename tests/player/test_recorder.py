@@ -4,9 +4,13 @@ import gymnasium
 import numpy as np
 import pytest
 
+from lidarnaut.agents.completion.completion import Completion
+from lidarnaut.agents.completion.explorer import ForesightExplorer
+from lidarnaut.agents.completion.network import CompletionNetwork
 from lidarnaut.agents.frontiers.score import FrontierScore, ScoreExplorer
 from lidarnaut.baselines import RrtExplorer, policies_for
 from lidarnaut.baselines.episode import run_episode
+from lidarnaut.baselines.frontier.expected_map import Prediction
 from lidarnaut.baselines.frontier.rules import GainOverCostExplorer, NearestExplorer
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import Markers, crop_to_known
@@ -111,6 +115,26 @@ def test_trees_and_points_are_recorded_once_with_the_samples_that_show_them():
     np.testing.assert_allclose(shown[-1][shown[-1][:, 0] == chosen, 1:3], explorer.markers.chosen, atol=6e-4)
     assert len(recording.decision_times) == 0
     assert "<title>" in build_page([recording])
+
+
+def test_predicted_floor_and_tours_are_rows_too():
+    tour = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
+    rows = marker_rows(Markers(predicted=np.array([[0.5, -1.0, 0.87]]), side=0.2, tour=tour))
+    expected = [[5, 0.5, -1.0, 0.9, 0.2], [6, 0.0, 0.0, 1.0, 0.0], [6, 1.0, 0.0, 1.0, 2.0]]
+    np.testing.assert_allclose(rows, expected, rtol=1e-6)
+
+
+def test_an_explorer_of_the_expected_map_records_what_it_expects():
+    env, explorer = make_env(time_limit=6.0), ForesightExplorer(Completion(CompletionNetwork()))
+    explorer.rule.predict = lambda grid: Prediction(np.full((200, 200), 0.8, np.float32), 0.0, (-20.0, -20.0), 0.2)
+    recording, *_ = record(env, explorer)
+    assert set(recording.markers[:, 1]) == {5, 6}  # its candidates are those of the decisions
+    assert len(recording.decision_times) > 2
+    markers = explorer.markers
+    assert (markers.predicted[:, 2] == np.float32(0.8)).all()
+    assert len(markers.tour) > 1
+    # A tour begins at the chosen frontier, at most a few cells away.
+    assert np.hypot(*(markers.tour[0] - markers.chosen[0])) < 1.0
 
 
 def test_decisions_of_the_decision_level_are_recorded_too():

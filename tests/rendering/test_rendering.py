@@ -205,6 +205,24 @@ def in_map_frame(*points):
     return START.inverse().transform(np.array(points, dtype=float))
 
 
+def test_predicted_floor_and_the_tour_are_drawn_where_they_are(renderer):
+    scene = make_scene()
+    plain = renderer.draw(scene)
+    sure, unsure = in_map_frame((3.0, 5.0), (3.0, 2.0))
+    predicted, tour = np.array([[*sure, 1.0], [*unsure, 0.5]]), in_map_frame((4.0, 1.0), (4.0, 4.0))
+    scene.markers = Markers(predicted=predicted, side=0.4, tour=tour)
+    drawn = renderer.draw(scene)
+    truth, belief = panels(drawn)
+    np.testing.assert_array_equal(truth, panels(plain)[0])
+    yellow = found(belief, style.PREDICTED)
+    assert np.hypot(*(yellow - (3.0, 5.0)).T).max() == pytest.approx(0.2, abs=0.06)
+    mixed = tuple(round(0.5 * (a + b)) for a, b in zip(style.PREDICTED, style.FREE, strict=True))
+    assert np.hypot(*(found(belief, mixed) - (3.0, 2.0)).T).min() < 0.1
+    line = found(belief, style.TOUR)
+    assert np.abs(line[:, 0] - 4.0).max() < 0.06
+    assert (line[:, 1].min(), line[:, 1].max()) == pytest.approx((1.0, 4.0), abs=0.1)
+
+
 def test_markers_are_drawn_where_they_are(renderer):
     scene = make_scene()
     plain = renderer.draw(scene)

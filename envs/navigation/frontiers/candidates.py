@@ -56,7 +56,7 @@ SIZE, CLEARANCE, AGE, AHEAD, LEFT, FAILURES, CHOSEN = range(TURN + 1, NUM_FEATUR
 
 
 class Markers(NamedTuple):
-    """Goals and random trees that a policy considers, for pictures and recordings, map frame [m]."""
+    """Goals, random trees, predicted floor and tour of a policy, for pictures and recordings, map frame [m]."""
 
     clusters: np.ndarray = NO_POINTS
     """Candidate goals, such as frontiers or centers of clusters, shape (n, 2)."""
@@ -66,6 +66,12 @@ class Markers(NamedTuple):
     """Points found in the last control period, before clustering, shape (n, 2)."""
     trees: Sequence[np.ndarray] = ()
     """Edges of each tree, from parent to child, shape (n, 2, 2): the global tree, then local trees."""
+    predicted: np.ndarray = np.empty((0, 3))
+    """Unknown cells that are predicted to be floor: centre (x, y) [m] and probability, shape (n, 3)."""
+    side: float = 0.0
+    """Side of predicted cells [m]."""
+    tour: np.ndarray = NO_POINTS
+    """Planned tour past all stops, shape (n, 2)."""
 
     @classmethod
     def of(cls, navigators: Iterable[Any]) -> "Markers":
