@@ -145,8 +145,14 @@ class Rosbridge:
             self._loop.call_soon_threadsafe(self._wake.set)
 
     def _register(self, **data: Any) -> None:
-        self._call(self._topics.__setitem__, (data["op"], data["topic"]), data)
+        self._call(self._keep, data)
         self._call(self._send, data)
+
+    def _keep(self, data: dict[str, Any]) -> None:
+        self._topics[data["op"], data["topic"]] = data
+        if data["op"] == "subscribe" and data["topic"] in self._expected and not self.error:
+            self._patience_ends = time.monotonic() + PATIENCE
+            self._unheard.add(data["topic"])
 
     def _send(self, data: dict[str, Any]) -> None:
         if not self.error:
@@ -207,7 +213,8 @@ class Rosbridge:
         self._outgoing = {topic: deque([data], maxlen=1) for topic, data in self._latched.items()}
         if self._topics:
             self._outgoing[""] = deque(self._topics.values())
-        self._unheard, self._patience_ends = set(self._expected), time.monotonic() + PATIENCE
+        self._patience_ends = time.monotonic() + PATIENCE
+        self._unheard = {topic for topic in self._expected if ("subscribe", topic) in self._topics}
         self._largest, self.error = (0, ""), ""
         reading = asyncio.create_task(self._read(socket))
         reading.add_done_callback(_take_error)

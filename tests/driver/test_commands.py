@@ -165,6 +165,21 @@ def test_missing_topics_are_named_with_those_of_the_same_type(caplog):
     assert "no message on /scan (sensor_msgs/LaserScan) for 3 s" in caplog.text
 
 
+def test_a_topic_is_missed_from_its_subscription_on(caplog, monkeypatch):
+    monkeypatch.setattr(rosbridge, "PATIENCE", 0.3)
+    with (
+        contextlib.closing(Recorder()) as server,
+        contextlib.closing(Rosbridge(server.url, expected=["/odom"])) as bridge,
+    ):
+        wait_for(lambda: not bridge.error)
+        time.sleep(0.4)  # a policy that loads slowly subscribes late
+        bridge.spin()
+        bridge.subscribe("/odom", "nav_msgs/msg/Odometry", lambda message: None)
+        bridge.spin()
+        assert "no message" not in caplog.text
+        wait_for(lambda: bridge.spin() or "no message on /odom (nav_msgs/Odometry) for 0.3 s" in caplog.text)
+
+
 def test_messages_say_whether_they_are_latched_and_a_server_that_cannot_name_topics_is_quoted(caplog):
     def answer(data):
         if data["op"] == "call_service":
