@@ -3,7 +3,9 @@
 POLICY is a run folder, a checkpoint, or a name such as `ppo:pretrained/twist`. The file has one input per observation,
 shape (batch, ...), and the output `action`: the most likely action, clipped to the action space. Recurrent policies add
 inputs `state_h` and `state_c` (zeros at the start of an episode) and outputs `next_state_h` and `next_state_c`. The
-metadata key `lidarnaut` describes inputs, action, robot and environment as JSON.
+metadata key `lidarnaut` describes inputs, action, robot and environment as JSON. Of an explorer that completes maps,
+the file holds the network: input `channels` (see `lidarnaut.agents.completion.network.channels_of`), output
+`probability`.
 """
 
 import contextlib
@@ -27,9 +29,12 @@ from torch import Tensor, nn
 
 from lidarnaut.agents.algorithms import Actor, build_policy
 from lidarnaut.agents.checkpoint import Record, SpaceRecord, load_checkpoint
+from lidarnaut.agents.completion.completion import Completion
+from lidarnaut.agents.completion.network import channels_of
+from lidarnaut.agents.completion.raster import CELL, STRIDE
 from lidarnaut.agents.evaluation import evaluation_environment
 from lidarnaut.agents.frontiers.score import RECORD_FILE
-from lidarnaut.agents.learned import find_policy, fingerprint
+from lidarnaut.agents.learned import find_policy, fingerprint, is_completion
 from lidarnaut.agents.run_folder import LIBRARIES, CheckpointError
 from lidarnaut.agents.vec_env import Observations, make_env
 from lidarnaut.baselines.episode import run
@@ -62,8 +67,8 @@ def main(
         trust: modules, or names `module:attribute`, of your own code that the policy may import.
     """
     about = export_policy(policy, out, trust)
-    inputs = ", ".join([*about["inputs"], *about["states"]])
-    sys.stdout.write(f"{printable(out)}: inputs {inputs}; policy and file give the same actions\n")
+    inputs = ", ".join([*about["inputs"], *about.get("states", ())])
+    sys.stdout.write(f"{printable(out)}: inputs {inputs}; policy and file give the same outputs\n")
 
 
 def export_policy(policy: str | Path, out: str | Path, trust: Iterable[str] = ()) -> dict[str, Any]:
@@ -82,7 +87,9 @@ def export_policy(policy: str | Path, out: str | Path, trust: Iterable[str] = ()
         raise ImportError(f"writing ONNX needs onnx and onnxruntime: {extra}") from error
     folder, out = find_policy(policy), Path(out)
     if (folder / RECORD_FILE).exists():
-        raise CheckpointError(f"{folder} is a frontier score, which needs no torch; only networks are exported")
+        if not is_completion(folder):
+            raise CheckpointError(f"{folder} is a frontier score, which needs no torch; only networks are exported")
+        return _export_completion(str(policy), folder, out)
     checkpoint = load_checkpoint(folder, policy_only=True, trust=trust)
     network, record = build_policy(checkpoint, folder), checkpoint.record
     shape = getattr(network, "lstm_hidden_state_shape", None)
@@ -102,6 +109,34 @@ def export_policy(policy: str | Path, out: str | Path, trust: Iterable[str] = ()
             raise ValueError(f"{folder} cannot be written as ONNX: {error}") from error
     out.parent.mkdir(parents=True, exist_ok=True)
     write_file(out, content)
+    return about
+
+
+def _export_completion(policy: str, folder: Path, out: Path) -> dict[str, Any]:
+    import onnx
+    import onnxruntime
+
+    completion = Completion.load(folder)
+    graph, example = nn.Sequential(completion.network, nn.Sigmoid()), [torch.zeros(1, 3, 64, 96)]
+    axes = {"channels": {0: "batch", 2: "height", 3: "width"}, "probability": {0: "batch", 1: "height", 2: "width"}}
+    model = onnx.load_model_from_string(_write(graph, example, ["channels"], ["probability"], axes))
+    about = {
+        "policy": policy,
+        "sha256": fingerprint(folder),
+        "inputs": {"channels": {"shape": [3, f"multiple of {STRIDE}", f"multiple of {STRIDE}"], "dtype": "float32"}},
+        "about": "input: whether cells hold free, occupied or no known map cells, 0 or 1; output: probability of floor",
+        "cell": CELL,
+        "versions": {name: version(name) for name in ("lidarnaut", "torch", "onnx")},
+    }
+    onnx.helper.set_model_props(model, {"lidarnaut": json.dumps(about, indent=1)})
+    session = onnxruntime.InferenceSession(model.SerializeToString())
+    for shape in ((96, 64), (STRIDE, 5 * STRIDE)):
+        codes = np.random.default_rng(0).integers(0, 4, shape, dtype=np.uint8)
+        (found,) = session.run(None, {"channels": channels_of(codes[None]).numpy()})
+        if found.shape[1:] != shape or np.abs(found[0] - completion.probabilities(codes)).max() > TOLERANCE:
+            raise ValueError(f"{folder} cannot be written as ONNX: probabilities differ on a map of {shape} cells")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_file(out, model.SerializeToString())
     return about
 
 
@@ -142,12 +177,16 @@ def _trace(policy: BasePolicy, record: Record, states: dict[str, Any]) -> bytes:
         example.append(torch.zeros(shape).repeat(1, 2, 1))
         axes[name] = axes[f"next_{name}"] = {1: "batch"}
     inputs, outputs = [*record.observation, *states], ["action", *(f"next_{name}" for name in states)]
+    return _write(_Graph(policy, [*record.observation]), example, inputs, outputs, axes)
+
+
+def _write(graph: nn.Module, example: list[Tensor], inputs: list[str], outputs: list[str], axes: Any) -> bytes:
     options: Any = {"input_names": inputs, "output_names": outputs, "dynamic_axes": axes, "opset_version": 17}
-    graph, out = _Graph(policy, [*record.observation]).eval(), io.BytesIO()
+    out = io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of tracing; see `_compare`
         # The older exporter supports data-dependent shapes.
-        torch.onnx.export(graph, (*example,), out, dynamo=False, **options)  # type: ignore[arg-type]
+        torch.onnx.export(graph.eval(), (*example,), out, dynamo=False, **options)  # type: ignore[arg-type]
     return out.getvalue()
 
 

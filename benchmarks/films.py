@@ -9,12 +9,12 @@ import numpy as np
 import yaml
 from PIL import Image
 
+from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.benchmarks.arena.episodes import REFERENCES
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import lidar_env_of
-from lidarnaut.envs.files import resolve
 
 NUM_FRAMES = 48
 """Maximum number of frames of an animation, without the final frame."""
@@ -76,7 +76,7 @@ def main(
     Args:
         only: Record only environment ids that contain this text.
         out: Output folder; or, for a single id, a .gif or .webp file.
-        policy: Classic policy; default: the reference policy of evaluations.
+        policy: Policy, such as "pursuit" or "learned:pretrained/foresight"; default: the reference of evaluations.
         physics: Simulator.
         seed: Seed of world, start and noise.
         every: Simulated time between frames [s]; default: about 48 frames.
@@ -90,10 +90,10 @@ def main(
         start = SEEDS.get(id, 0) if seed is None else seed
         env.reset(seed=start)
         frames = record(env, every)
-        drivers = policies_for(env)
-        driver = policy or next(name for name in REFERENCES if name in drivers)
-        run_episode(env, resolve(driver, drivers, "policy")(), start)
-        frames.append(env.render())
+        driver = policy or next(name for name in REFERENCES if name in policies_for(env))
+        run_episode(env, make_policy(driver, env), start)
+        last: Any = lidar_env_of(env).render()
+        frames.append(last)
         env.close()
         path = out if out.suffix else out / f"{id.partition('/')[2].lower()}.webp"
         path.parent.mkdir(parents=True, exist_ok=True)

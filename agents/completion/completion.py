@@ -30,7 +30,7 @@ class Completion:
     """Predicts the floor beyond the known part of a map."""
 
     def __init__(self, network: CompletionNetwork) -> None:
-        self._network, self._angle = network, math.nan
+        self.network, self._angle = network, math.nan
 
     def reset(self) -> None:
         """Forget the direction of the last map's walls."""
@@ -44,15 +44,15 @@ class Completion:
 
     def probabilities(self, codes: np.ndarray) -> np.ndarray:
         """Return the probability of floor of each cell, shape (height, width), float32. `codes`: of `TurnedRaster`."""
-        self._network.eval()
+        self.network.eval()
         with one_thread(), torch.inference_mode():
-            probability: np.ndarray = torch.sigmoid(self._network(channels_of(codes[None])))[0].numpy()
+            probability: np.ndarray = torch.sigmoid(self.network(channels_of(codes[None])))[0].numpy()
         return probability
 
     def save(self, folder: Path, record: Mapping[str, Any]) -> None:
         """Write the network to a folder, with training results `record` and names of held-out worlds and robots."""
         about = {"format": 1, "kind": KIND, **SPLIT, **record}
-        tensors = {name: value.detach().contiguous() for name, value in self._network.state_dict().items()}
+        tensors = {name: value.detach().contiguous() for name, value in self.network.state_dict().items()}
         weights = safetensors.torch.save(tensors)
         write_folder(folder, {WEIGHTS_FILE: weights, RECORD_FILE: json.dumps(about, indent=2) + "\n"})
 

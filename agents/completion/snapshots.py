@@ -28,7 +28,7 @@ SLAMS = "hector", "hector", "tinyslam", "gmapping", "graph"
 EXPLORING = "nearest", "gain_over_cost", "pursuit", "tour"
 """Explorers of driven episodes."""
 DRIVEN_SHARE, BULLET_SHARE = 0.08, 0.15
-"""Fraction of episodes in which a robot drives and maps, instead of sliding along paths; of these, with PyBullet."""
+"""Fraction of driven episodes, others slide along paths; and fraction of driven ones with PyBullet."""
 TEMPERATURES = 0.0, 0.0, 0.3, 1.0
 """Scales of noise on the scores of frontiers, which varies the order of exploration."""
 MAX_TIME = 600.0

@@ -1,10 +1,12 @@
 """Training of the completion network: explorations are collected, then their maps are completed.
 
 The loss is the cross-entropy of unknown cells near known floor (see `CompletionConfig.horizon`), the optimizer AdamW
-(Loshchilov and Hutter 2019, arXiv:1711.05101) with one cycle of learning rates.
+(Loshchilov and Hutter 2019, arXiv:1711.05101) with one cycle of learning rates. The policy has the running mean of the
+weights (Polyak and Juditsky, "Acceleration of Stochastic Approximation by Averaging", 1992).
 """
 
 import contextlib
+import copy
 import io
 import itertools
 import json
@@ -47,8 +49,10 @@ TRAINING_STREAM, VALIDATION_STREAM, CROP_STREAM = 0, 1, 2
 PART = 10
 """Number of explorations whose snapshots share a file."""
 RISE = 0.1
-"""Fraction of the training in which the learning rate rises; then it falls to zero."""
+"""Fraction of the training with a rising learning rate; then it falls to zero."""
 WEIGHT_DECAY = 1e-3
+DECAY, FIRST_STEPS = 0.999, 50
+"""Factor per step of older weights in the running mean; after k steps at most k / (k + `FIRST_STEPS`)."""
 LEAST_CELLS = 100
 """Minimum number of cells of a crop that count in the loss."""
 BINS = 0.0, 1.0, 2.0, 4.0
@@ -127,6 +131,7 @@ class _Training:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self._network = CompletionNetwork()
+        self._mean = copy.deepcopy(self._network)
         self._optimizer = torch.optim.AdamW(self._network.parameters(), config.learning_rate, weight_decay=WEIGHT_DECAY)
         self._validated: list[dict[str, float]] = []
         self.steps = 0
@@ -145,6 +150,7 @@ class _Training:
         while self.steps < config.total_steps:
             loss = self._step(examples, sizes / sizes[-1])
             self.steps += 1
+            self._average()
             self._log.add_scalar("train/loss", loss, self.steps)
             bar.update(1)
             if self.steps % config.validate_every == 0 or self.steps == config.total_steps:
@@ -153,7 +159,7 @@ class _Training:
         self._log.close()
         record = {"seed": config.seed, "steps": self.steps, **self._validated[-1]}
         shutil.rmtree(self._run / POLICY, ignore_errors=True)
-        Completion(self._network).save(self._run / POLICY, record)
+        Completion(self._mean).save(self._run / POLICY, record)
 
     def _step(self, examples: list[Example], shares: np.ndarray) -> float:
         config, rng = self._config, np.random.default_rng([self._config.seed, CROP_STREAM, self.steps])
@@ -170,9 +176,17 @@ class _Training:
         self._optimizer.step()
         return float(loss.item())
 
+    def _average(self) -> None:
+        decay, present = min(DECAY, self.steps / (self.steps + FIRST_STEPS)), self._network.state_dict()
+        for name, mean in self._mean.state_dict().items():
+            if mean.dtype.is_floating_point:
+                mean.lerp_(present[name], 1.0 - decay)
+            else:
+                mean.copy_(present[name])
+
     def _validate(self, examples: list[Example], distances: list[np.ndarray]) -> float:
         """Measure the network on other explorations, and draw its calibration; return the mean cross-entropy [nat]."""
-        completion = Completion(self._network)
+        completion = Completion(self._mean)
         predicted = [completion.probabilities(example.codes)[example.counts] for example in examples]
         floor = np.concatenate([example.floor[example.counts] for example in examples])
         distance = np.concatenate([gaps[example.counts] for example, gaps in zip(examples, distances, strict=True)])
@@ -190,12 +204,14 @@ class _Training:
         write_table(self._run / TABLE, self._validated)
         self._log.add_scalar("validation/cross_entropy", row["cross_entropy"], self.steps)
         write_file(self._run / PICTURE, draw_calibration(probability, floor, distance))
-        self._network.train()
         return row["cross_entropy"]
 
     def _tensors(self) -> dict[str, Tensor]:
         state = self._optimizer.state_dict()["state"]
-        tensors = {f"network.{name}": value for name, value in self._network.state_dict().items()}
+        networks = {"network": self._network, "mean": self._mean}
+        tensors = {
+            f"{key}.{name}": value for key, each in networks.items() for name, value in each.state_dict().items()
+        }
         return tensors | {
             f"optimizer.{k}.{name}": value for k, moments in state.items() for name, value in moments.items()
         }
@@ -210,14 +226,17 @@ class _Training:
         try:
             tensors = safetensors.torch.load(read_bytes(folder / STATE_FILE))
             self._validated = json.loads(read_bytes(folder / "validation.json"))
-            network = {
-                name.removeprefix("network."): each for name, each in tensors.items() if name.startswith("network.")
-            }
-            self._network.load_state_dict(network)
+            weights: dict[str, dict[str, Tensor]] = {"network": {}, "mean": {}}
             state: dict[int, dict[str, Tensor]] = {}
-            for name in tensors.keys() - {f"network.{name}" for name in network}:
-                _, index, moment = name.split(".")
-                state.setdefault(int(index), {})[moment] = tensors[name]
+            for name, value in tensors.items():
+                key, rest = name.split(".", 1)
+                if key in weights:
+                    weights[key][rest] = value
+                else:
+                    index, moment = rest.split(".")
+                    state.setdefault(int(index), {})[moment] = value
+            self._network.load_state_dict(weights["network"])
+            self._mean.load_state_dict(weights["mean"])
             self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": state})
             self.steps = int(folder.name.removeprefix("step_"))
         except (OSError, ValueError, RuntimeError, KeyError, TypeError, SafetensorError) as error:

@@ -3,10 +3,13 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import CombinedExtractor
 
 from lidarnaut.agents.checkpoint import POLICY_FILE
+from lidarnaut.agents.completion.completion import Completion
+from lidarnaut.agents.completion.network import CompletionNetwork
 from lidarnaut.agents.evaluation import evaluation_environment
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.export import export_policy as main
@@ -121,6 +124,20 @@ def test_every_network_of_the_package_becomes_a_file(name, onnxruntime, tmp_path
     about = main(f"ppo:pretrained/{name}", tmp_path / "policy.onnx")  # compares both, on batches of 64 and of 1
     session, _ = read(onnxruntime, tmp_path / "policy.onnx")
     assert {one.name for one in session.get_inputs()} == about["inputs"].keys()
+
+
+def test_the_network_of_an_explorer_that_completes_maps_becomes_a_file_for_maps_of_any_size(onnxruntime, tmp_path):
+    torch.manual_seed(0)
+    completion = Completion(CompletionNetwork())
+    completion.save(tmp_path / "policy", {})
+    about = main(tmp_path / "policy", tmp_path / "completion.onnx")
+    session, read_back = read(onnxruntime, tmp_path / "completion.onnx")
+    assert read_back == about
+    assert about["cell"] == 0.2
+    codes = np.random.default_rng(1).integers(0, 4, (2, 48, 112), dtype=np.uint8)
+    channels = np.stack([codes & 1 > 0, codes & 2 > 0, codes == 0], axis=1).astype(np.float32)
+    (found,) = session.run(None, {"channels": channels})
+    np.testing.assert_allclose(found, np.stack([completion.probabilities(one) for one in codes]), atol=1e-5)
 
 
 def test_the_metadata_are_enough_to_drive(onnxruntime, tmp_path):

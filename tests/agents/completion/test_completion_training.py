@@ -3,6 +3,7 @@ import shutil
 
 import numpy as np
 import pytest
+import safetensors.torch
 import torch
 
 from lidarnaut import make_policy, train_command
@@ -39,6 +40,19 @@ def test_a_training_collects_fits_validates_and_leaves_a_policy(run):
     assert 0.0 < record["cross_entropy"] < 2.0
     explorer = make_policy(run)
     assert explorer.rule.params.reach == 2.0
+
+
+def test_the_policy_has_the_running_mean_of_the_weights(run):
+    states = [safetensors.torch.load_file(path / training.STATE_FILE) for path in list_checkpoints(run)]
+    policy = safetensors.torch.load_file(run / "policy" / "weights.safetensors")
+    for name, weights in policy.items():
+        torch.testing.assert_close(weights, states[-1][f"mean.{name}"], rtol=0, atol=0)
+    head = "head.weight"
+    torch.testing.assert_close(states[0][f"mean.{head}"], states[0][f"network.{head}"], rtol=0, atol=0)
+    assert not torch.equal(policy[head], states[-1][f"network.{head}"])
+    # The first steps hardly hold back the mean.
+    moved, followed = (states[-1][f"{key}.{head}"] - states[0][f"network.{head}"] for key in ("network", "mean"))
+    assert 0.3 < float(followed.norm() / moved.norm()) < 1.0
 
 
 @pytest.mark.parametrize("stop", ["snapshots", "steps"])
