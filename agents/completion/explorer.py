@@ -29,8 +29,7 @@ class ForesightExplorer(PursuitDriving):
         if markers is None or expected is None or not len(markers.chosen):
             return markers
         cells = np.argwhere(expected.expected > 0.0)
-        centres = np.array(expected.origin) + (cells[:, ::-1] + 0.5) * expected.side
-        predicted = np.column_stack([centres, expected.expected[tuple(cells.T)]])
+        predicted = np.column_stack([expected.centers(cells), expected.expected[tuple(cells.T)]])
         chosen = np.abs(markers.clusters - markers.chosen).sum(axis=1).argmin() if len(markers.clusters) else -1
         tour = self.rule.tours.get(int(chosen), markers.tour)
         return markers._replace(predicted=predicted, side=expected.side, tour=tour)

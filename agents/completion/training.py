@@ -56,7 +56,7 @@ DECAY, FIRST_STEPS = 0.999, 50
 LEAST_CELLS = 100
 """Minimum number of cells of a crop that count in the loss."""
 BINS = 0.0, 1.0, 2.0, 4.0
-"""Limits of the distances from known floor for which validations are listed [m]."""
+"""Limits of distances from known floor in tables of validations [m]."""
 LEVELS = np.linspace(0.0, 1.0, 11)
 """Limits of predicted probabilities whose true frequencies are listed."""
 

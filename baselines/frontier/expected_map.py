@@ -60,6 +60,11 @@ class ExpectedMap(NamedTuple):
         """Return the cells (row, column) of points (x, y), shape (n, 2), map frame [m]: shape (n, 2), int64."""
         return np.floor((points[:, ::-1] - self.origin[::-1]) / self.side).astype(np.int64)
 
+    def centers(self, cells: np.ndarray) -> np.ndarray:
+        """Return the centres (x, y) of cells (row, column), shape (n, 2): shape (n, 2), float64, map frame [m]."""
+        centers: np.ndarray = self.origin + (cells[:, ::-1] + 0.5) * self.side
+        return centers
+
 
 @njit(cache=True, error_model="numpy")
 def _join(occupancy, costs, window, factor, table):

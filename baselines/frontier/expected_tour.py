@@ -48,7 +48,7 @@ class ExpectedTourParams:
     num_nearest: PositiveInt = 3
     """Number of compared frontiers with the lowest path cost."""
     max_range: PositiveFloat = 4.0
-    """Maximum distance from which expected floor counts as seen, if the lidar reaches as far [m]."""
+    """Maximum distance at which expected floor counts as seen, limited by the lidar's range [m]."""
     num_samples: PositiveInt = 1024
     """Maximum number of expected cells that stand for all."""
     max_viewpoints: PositiveInt = 160
@@ -233,8 +233,7 @@ class ExpectedTour:
         taken = np.full(len(points), -1, dtype=np.int64)
         taken[is_placed] = owners[tuple(ends[is_placed].T)]
         between = np.minimum(between * expected.side, UNCONNECTED)
-        centres = np.array(expected.origin) + (cells[:, ::-1] + 0.5) * expected.side
-        return _Places(between, before, sees, taken[:-1], int(taken[-1]), centres)
+        return _Places(between, before, sees, taken[:-1], int(taken[-1]), expected.centers(cells))
 
     def _viewpoints(self, expected: ExpectedMap, samples: np.ndarray, sight: float) -> tuple[np.ndarray, np.ndarray]:
         """Return cells on a lattice that see samples, shape (n, 2), int64, and their views, as `views_from` does."""
