@@ -19,6 +19,7 @@ Every key of the configuration is an option, with dots between nested names: --e
 import argparse
 import ast
 import contextlib
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -64,7 +65,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
     except (CheckpointError, LockedError, ValueError, OSError, ImportError, gymnasium.error.Error) as error:
         return fail(error)
-    print(f"results are in {printable(run)}")
+    if int(os.environ.get("RANK", 0)) == 0:  # of torchrun
+        print(f"results are in {printable(run)}")
     return 0
 
 

@@ -31,12 +31,12 @@ from lidarnaut.agents.config import (
     TrainingConfig,
     TrajectoryNetworkConfig,
 )
+from lidarnaut.agents.distributed import world_size
 from lidarnaut.agents.frontiers.network import NEEDED, RULE, FrontierPolicy
 from lidarnaut.agents.frontiers.score import FrontierScore
 from lidarnaut.agents.hyperparameters import check_hyperparameter
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
-from lidarnaut.agents.threads import split_batches
 from lidarnaut.agents.trajectories import TrajectoryPolicy
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, Observations
 from lidarnaut.envs.files import SHORT, explain_unknown, load_object, parse_record
@@ -132,14 +132,16 @@ def prepare(config: TrainingConfig, algorithm: type[BaseAlgorithm], env: Gymnasi
             f"hyperparameters.n_steps (or train_freq) = {steps} steps; checkpoints are only saved between updates"
         )
     config = config.model_copy(update={"hyperparameters": given, "network": network.model_dump()})
+    if (size := config.processes or 1) > 1 and "batch_size" in values:
+        values["batch_size"] //= size
     return Prepared(config, algorithm, network, values, steps, updates)
 
 
-def _defaults(config: TrainingConfig, algorithm: type, env: GymnasiumVecEnv, allowed: Iterable[str]) -> dict[str, Any]:
+def _defaults(config: TrainingConfig, algorithm: type, env: Any, allowed: Iterable[str]) -> dict[str, Any]:
     defaults: dict[str, Any] = {}
     for kind in reversed(algorithm.__mro__):
         defaults |= DEFAULTS.get(kind.__name__, {})
-    if "buffer_size" in allowed:
+    if "buffer_size" in allowed and env is not None:
         seen = env.observation_space
         parts = seen.values() if isinstance(seen, spaces.Dict) else [seen]
         size = sum(np.dtype(space.dtype).itemsize * math.prod(space.shape or (1,)) for space in parts)
@@ -158,6 +160,33 @@ def _rollout_steps(algorithm: type, allowed: Mapping[str, Any], given: Mapping[s
     return num_envs * (steps if unit == "step" else 1)
 
 
+def num_processes(config: TrainingConfig, algorithm: type[BaseAlgorithm]) -> int:
+    """Return the number of processes that train together: that of `torchrun`, `processes`, or by default one per core.
+
+    Raises:
+        ValueError: if the algorithm trains alone, or sub-environments or minibatches cannot be divided equally.
+    """
+    asked = world_size() or config.processes
+    trains_alone = not issubclass(algorithm, OnPolicyAlgorithm) or any(k.__name__ == "TRPO" for k in algorithm.__mro__)
+    if trains_alone or config.device != "cpu":
+        if (asked or 1) > 1:
+            why = f"algorithm {config.algorithm}" if trains_alone else f"device {config.device!r}"
+            raise ValueError(f"processes: {asked} processes train together, but {why} allows only one")
+        return 1
+    names = _parameters(algorithm)
+    shared = {"num_envs": config.num_envs}
+    if "batch_size" in names:
+        usual = _defaults(config, algorithm, None, names).get("batch_size", names["batch_size"].default)
+        shared["hyperparameters.batch_size"] = config.hyperparameters.get("batch_size", usual)
+    for name, count in shared.items():
+        if asked and isinstance(count, int) and count % asked:
+            raise ValueError(f"{name} is {count}, which {asked} processes cannot share equally")
+    cores = 1 if os.environ.get("OMP_NUM_THREADS") == "1" else num_cores()  # set in workers of sweeps
+    most = min(cores, config.num_envs // max(1, len(config.environment.robots)))
+    fitting = [k for k in range(1, most + 1) if not any(isinstance(n, int) and n % k for n in shared.values())]
+    return asked or max(fitting, default=1)
+
+
 def build_model(prepared: Prepared, env: GymnasiumVecEnv) -> BaseAlgorithm:
     """Create an algorithm with an untrained policy; seed the global generators of NumPy and torch.
 
@@ -166,8 +195,7 @@ def build_model(prepared: Prepared, env: GymnasiumVecEnv) -> BaseAlgorithm:
         CheckpointError: if the folder in `network.prior_policy` does not contain a trained frontier score.
     """
     config, network = prepared.config, prepared.network
-    is_on_policy = issubclass(prepared.algorithm, OnPolicyAlgorithm)
-    torch.set_num_threads(1 if is_on_policy else config.torch_threads or 1)
+    torch.set_num_threads(config.torch_threads or 1)
     try:
         model = _construct(prepared, env)
     except Exception as error:
@@ -178,12 +206,6 @@ def build_model(prepared: Prepared, env: GymnasiumVecEnv) -> BaseAlgorithm:
     if isinstance(network, GaussianNetworkConfig):
         with torch.no_grad():
             model.policy.get_parameter("action_net.bias")[::2] = network.speed
-    if is_on_policy and model.device.type == "cpu":
-        alone = os.environ.get("OMP_NUM_THREADS") != "1"  # set in worker processes
-        split_batches(model.policy, config.torch_threads or (num_cores() if alone else 1))
-        model.rollout_buffer.to_torch = torch.from_numpy  # minibatches are copies already
-        if type(model.policy.optimizer) is torch.optim.Adam:
-            model.policy.optimizer.param_groups[0]["fused"] = True  # one kernel for all weights
     return model
 
 
@@ -194,7 +216,8 @@ def _construct(prepared: Prepared, env: GymnasiumVecEnv, without: str = "") -> A
     weight = nn.Parameter(torch.zeros(1))
     weight.grad = torch.zeros(1)
     policy: Any = model.policy
-    policy.optimizer_class([weight], lr=model.lr_schedule(1.0), **policy.optimizer_kwargs).step()
+    settings = {name: value for name, value in policy.optimizer_kwargs.items() if name != "fused"}  # hides overflows
+    policy.optimizer_class([weight], lr=model.lr_schedule(1.0), **settings).step()
     return model
 
 
@@ -309,6 +332,8 @@ def _arguments(
         }
     if isinstance(network, GaussianNetworkConfig):
         own["log_std_init"] = network.log_std
+    if issubclass(algorithm, OnPolicyAlgorithm) and "optimizer_class" not in hyperparameters.get("policy_kwargs", {}):
+        own["optimizer_kwargs"] = {"eps": 1e-5, "fused": True}  # as in the library, with one kernel for all weights
     return {**hyperparameters, "policy": policy, "policy_kwargs": own | hyperparameters.get("policy_kwargs", {})}
 
 

@@ -47,8 +47,8 @@ class EnvironmentConfig(Section):
     """Execution of sub-environments: `native` (several per process, by this package), `sync` (one after another in the
     main process), or `async` (one process each)."""
     num_workers: int | None = Field(default=None, ge=0, le=100_000)
-    """Number of worker processes if `vectorization` is `native`. 0 uses only the main process; null uses one worker per
-    core."""
+    """Number of worker processes if `vectorization` is `native`. 0 uses none; null uses one worker per core, or none if
+    several processes train together."""
 
     robots: tuple[str, ...] = ()
     """Robots for training, each in an equal share of the sub-environments. They replace the argument `robot`.
@@ -243,9 +243,11 @@ class TrainingConfig(Section):
     """Number of parallel sub-environments."""
     device: Literal["cpu", "cuda", "auto"] = "cpu"
     """Device of torch; `auto` uses a GPU if available. Small networks need no GPU."""
+    processes: Annotated[int, Field(ge=1, le=1024)] | None = None
+    """Number of processes that train together, each with an equal share of the sub-environments and minibatches; they
+    average their gradients. On-policy algorithms only. null: one per core, or one if OMP_NUM_THREADS is 1."""
     torch_threads: Side | None = None
-    """Number of threads that evaluate the network; null uses one per core, or one if OMP_NUM_THREADS is 1. On-policy
-    algorithms learn the same with any number. Others use torch's own threads, one if null: more slow small networks."""
+    """Number of threads of torch in each process; null uses one: more slow small networks."""
     environment: EnvironmentConfig = EnvironmentConfig()
     """Environment for training."""
     hyperparameters: dict[str, Any] = {}

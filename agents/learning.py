@@ -1,31 +1,35 @@
 """Training of a policy by reinforcement learning."""
 
 import contextlib
+import logging
 import multiprocessing
 from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch.utils.tensorboard import SummaryWriter
 
-from lidarnaut.agents.algorithms import build_model, find_algorithm, prepare, takes_vectors
+from lidarnaut.agents.algorithms import Prepared, build_model, find_algorithm, num_processes, prepare, takes_vectors
 from lidarnaut.agents.callbacks import RunCallback
-from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.checkpoint import Checkpoint, load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import curve_of
+from lidarnaut.agents.distributed import Alone, EndedError, Share, group_of
 from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.replay import ReplayFiles
 from lidarnaut.agents.resume import check_changes
 from lidarnaut.agents.run_folder import discard_after, find_checkpoint, is_measured, new_run, prepare_folder
 from lidarnaut.agents.state import check_spaces, is_finite, restore
 from lidarnaut.agents.trust import named_code
-from lidarnaut.agents.vec_env import make_vec_env
+from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_vec_env
 from lidarnaut.envs.files import Lock, own_folder
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.vector.workers import UNGUARDED
+
+LOGGER = logging.getLogger(__name__)
 
 
 def run_training(
@@ -50,13 +54,13 @@ def run_training(
             source = find_checkpoint(resume)  # again, after locking
             checkpoint = load_checkpoint(source, trust=[*trust, *named_code(config.model_dump())])
             check_changes(config, "training", source, checkpoint.record.config)
+        size = num_processes(config, find_algorithm(config.algorithm))
+        config = config.model_copy(update={"processes": size})
+        group = held.enter_context(group_of(size))
+        group.send((config, source, tuple(trust)))
         evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
-        algorithm = find_algorithm(config.algorithm)
-        env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=takes_vectors(algorithm))))
-        prepared = prepare(config, algorithm, env)
+        prepared, model, env = build(config, held)
         config = prepared.config
-        held.callback(torch.set_num_threads, torch.get_num_threads())  # `build_model` changes it
-        model = build_model(prepared, env)
         for name in config.evaluation.references:
             evaluator.make_reference(name)  # Unknown names are found before the first step.
         references = {name: evaluator.mark(name) for name in config.evaluation.references}
@@ -64,16 +68,17 @@ def run_training(
             run = held.enter_context(new_run(config, run))
         else:
             check_changes(config, "training", source, checkpoint.record.config)
-            check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))
-            restore(model, checkpoint, source)
+            if (before := checkpoint.record.config.processes or 1) != config.processes:
+                LOGGER.info("%d processes train; before, %d did: weights will differ", config.processes, before)
+            _restore(model, env, checkpoint, source)
             run = discard_after(source)
             prepare_folder(run, config)
         replay = None
         if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
             replay = ReplayFiles(model.replay_buffer, run)
             replay.read(checkpoint.record.replay if checkpoint else {})
-        # Checkpoints do not hold episodes: resumed trainings start new ones.
-        env.seed(int(np.random.SeedSequence([config.seed, model.num_timesteps]).generate_state(1)[0] >> 1))
+        share = Share(model, group)
+        group.send(run)
         evaluations = curve_of(checkpoint.record.evaluations) if checkpoint else []
         # The first evaluation of a run precedes its first checkpoint.
         purge_step = model.num_timesteps + 1 if evaluations else None
@@ -87,16 +92,54 @@ def run_training(
             try:
                 with bar:
                     if steps < total_steps:
-                        model.learn(total_steps - steps, keeper, reset_num_timesteps=False)
+                        model.learn(total_steps - steps, [share, keeper], reset_num_timesteps=False)
                 keeper.finish(evaluator.references(references, progress=progress))
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(keeper.save()) from None
+            except EndedError as error:
+                raise ValueError(f"{error}; the training ended {keeper.save()}") from error
             except ValueError:  # of distributions with such parameters, among others
                 if is_finite(model):
                     raise
                 raise keeper.diverged() from None
         model.logger.close()
     return run
+
+
+def follow_remotely() -> Path:
+    """Train as a process that `torchrun` has started, beside process 0; return the run folder."""
+    with group_of(0) as group:
+        return follow(group)
+
+
+def follow(group: Alone) -> Path:
+    """Train with process 0 of a group, which evaluates the policy and writes the run folder; return this folder."""
+    config, source, trust = group.receive()
+    with contextlib.ExitStack() as held:
+        prepared, model, env = build(config, held)
+        if source is not None:
+            checkpoint = load_checkpoint(source, trust=[*trust, *named_code(config.model_dump())])
+            _restore(model, env, checkpoint, source)
+        model.set_logger(Logger(None, []))
+        share, run = Share(model, group), group.receive()
+        left = prepared.num_updates * prepared.rollout_steps - model.num_timesteps
+        if left > 0:
+            model.learn(left, share, reset_num_timesteps=False)
+    return run
+
+
+def build(config: TrainingConfig, held: contextlib.ExitStack) -> tuple[Prepared, BaseAlgorithm, GymnasiumVecEnv]:
+    """Return the algorithm and the sub-environments of one process."""
+    algorithm = find_algorithm(config.algorithm)
+    env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=takes_vectors(algorithm))))
+    prepared = prepare(config, algorithm, env)
+    held.callback(torch.set_num_threads, torch.get_num_threads())  # `build_model` changes it
+    return prepared, build_model(prepared, env), env
+
+
+def _restore(model: BaseAlgorithm, env: GymnasiumVecEnv, checkpoint: Checkpoint, source: Path) -> None:
+    check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))
+    restore(model, checkpoint, source)
 
 
 class _TensorBoard(TensorBoardOutputFormat):

@@ -19,6 +19,7 @@ MAY_CHANGE = {
     **dict.fromkeys(("environment.num_workers", "environment.vectorization"), "training, sweep"),
     "evaluation.every": "training",
     **dict.fromkeys(("checkpoints", "device"), "training, sweep"),
+    "processes": "training, sweep",
     "torch_threads": "training, completion, sweep",
     "hyperparameters": "training",
     **dict.fromkeys((f"hyperparameters.{name}" for name in ("ent_coef", "policy_kwargs", "use_sde")), ""),

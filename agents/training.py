@@ -1,6 +1,7 @@
 """Trainings, evolutions and sweeps over seeds, begun or resumed from Python or from the command line."""
 
 import logging
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,10 @@ def train(
         lidarnaut.envs.files.LockedError: if another process writes to the run.
         KeyboardInterrupt: on Ctrl-C, after the state has been saved; the message names the run.
     """
+    if int(os.environ.get("RANK", 0)) and "TORCHELASTIC_RUN_ID" in os.environ:  # process 0 of torchrun reads the rest
+        from lidarnaut.agents.learning import follow_remotely
+
+        return follow_remotely()
     changes, trust = dict(changes or {}), tuple(trust)
     data, source, is_complete = _read(config, resume, changes, trust)
     data = change(data, changes)

@@ -80,8 +80,11 @@ def make_vector(config: EnvironmentConfig, split: Split, num_envs: int) -> Vecto
 
 
 def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "GymnasiumVecEnv":
-    """Create the training environments. `is_flat`: flatten dictionary observations to vectors."""
-    return GymnasiumVecEnv(make_vector(config.environment, "train", config.num_envs), is_flat=is_flat)
+    """Create the training environments of one process. `is_flat`: flatten dictionary observations to vectors."""
+    environment, size = config.environment, config.processes or 1
+    if size > 1 and environment.num_workers is None:
+        environment = environment.model_copy(update={"num_workers": 0})
+    return GymnasiumVecEnv(make_vector(environment, "train", config.num_envs // size), is_flat=is_flat)
 
 
 def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Environments and trainings whose steps per second are compared."""
 
+import contextlib
 import dataclasses
 import itertools
 import math
@@ -67,8 +68,9 @@ def people() -> Iterator[list[Case]]:
 
 
 def trainings() -> Iterator[list[Case]]:
-    """Yield whole trainings, rollouts and updates, on one core and on two."""
-    yield [Case(name, f"cores: {cores}", cores, partial(train, name)) for name in TRAININGS for cores in (1, 2)]
+    """Yield whole trainings, rollouts and updates, with a process on each of one or two cores."""
+    for name in TRAININGS:
+        yield [Case(name, f"cores: {cores}", cores, partial(train, name, cores)) for cores in (1, 2)]
 
 
 def benchmark_robot(num_beams: int = 360) -> RobotParams:
@@ -122,27 +124,27 @@ def step_environment(id: str, kind: str, num_envs: int, cores: int = 1, **option
     yield from step(env, actions)
 
 
-def train(name: str) -> Iterator[int]:
+def train(name: str, processes: int) -> Iterator[int]:
     """Train by a configuration; yield the number of steps of each rollout and its updates."""
     from stable_baselines3.common.logger import Logger
 
-    from lidarnaut.agents.algorithms import build_model, find_algorithm, prepare
     from lidarnaut.agents.config import change, find_configuration, parse_config
+    from lidarnaut.agents.distributed import Share, group_of
+    from lidarnaut.agents.learning import build
     from lidarnaut.agents.recipes import with_recipe
-    from lidarnaut.agents.vec_env import make_vec_env
     from lidarnaut.envs.files import read_mapping
 
     data, _ = with_recipe(read_mapping(find_configuration(name, "experiment")))
     if "num_worlds" in data["environment"]:  # made during the measurement
         data = change(data, {"environment.num_worlds": 4})
-    config: Any = parse_config(data, name)
-    env = make_vec_env(config)
-    model = build_model(prepare(config, find_algorithm(config.algorithm), env), env)
-    model.set_logger(Logger(None, []))
-    rollout = model.n_steps * model.n_envs
-    try:
+    config: Any = parse_config(data | {"processes": processes, "total_steps": 10**9}, name)
+    with contextlib.ExitStack() as held:
+        group = held.enter_context(group_of(processes))
+        group.send((config, None, ()))
+        prepared, model, _ = build(config, held)
+        model.set_logger(Logger(None, []))
+        share = Share(model, group)
+        group.send(None)
         while True:
-            model.learn(rollout, reset_num_timesteps=False)
-            yield rollout
-    finally:
-        env.close()
+            model.learn(prepared.rollout_steps, share, reset_num_timesteps=False)
+            yield prepared.rollout_steps

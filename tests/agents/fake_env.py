@@ -3,6 +3,7 @@
 A point robot uncovers hidden cells around its position. The environment is registered on import.
 """
 
+import multiprocessing
 import os
 import signal
 from functools import partial
@@ -67,6 +68,11 @@ class FakeEnv(LidarEnv):
         self.steps += 1
         if self.world == f"broken_{self.steps}":
             raise RuntimeError("the floor gave way")
+        if multiprocessing.parent_process() is not None:
+            if self.world == f"killed_{self.steps}":
+                os.kill(os.getpid(), signal.SIGKILL)
+            if self.world == f"failed_{self.steps}":
+                raise RuntimeError("no further world")
         if self.world == f"deadly_{self.steps}":
             os.kill(os.getpid(), signal.SIGKILL)
         if self.world == f"interrupted_{self.steps}":

@@ -46,7 +46,9 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
     }  # fmt: skip
     saved = read_record(tiny_run / "config.yaml", TrainingConfig)
     assert saved.hyperparameters == {"learning_rate": "lin_0.0007", **tiny_config.hyperparameters}
-    assert saved.model_copy(update={"hyperparameters": tiny_config.hyperparameters, "network": {}}) == tiny_config
+    given = {"hyperparameters": tiny_config.hyperparameters, "network": {}, "processes": None}
+    assert saved.processes == 1
+    assert saved.model_copy(update=given) == tiny_config
     best = find_checkpoint(tiny_run, "best")
     newest = {"step_000000512", "step_000000768"}
     assert {path.name for path in list_checkpoints(tiny_run)} == newest | {best.name}
