@@ -18,8 +18,8 @@ from lidarnaut.envs.command_line import make_console, run_command
 from lidarnaut.envs.files import read_mapping
 from lidarnaut.envs.progress import Progress
 
-Stage = Literal["designs", "decisions", "people", "trainings", "peers"]
-SECONDS = {"designs": 0.5, "decisions": 3.0, "people": 1.0, "trainings": 10.0, "peers": 1.5}
+Stage = Literal["designs", "decisions", "people", "trainings", "libraries", "peers"]
+SECONDS = {"designs": 0.5, "decisions": 3.0, "people": 1.0, "trainings": 10.0, "libraries": 10.0, "peers": 1.5}
 """Duration of a measurement [s]."""
 REPEATS = 3
 """Number of measurements of each case."""

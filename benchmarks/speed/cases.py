@@ -6,12 +6,14 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from functools import lru_cache, partial
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
 
 import lidarnaut.agents  # noqa: F401  (before torch, whose threads it keeps from spinning)
+from lidarnaut.benchmarks.speed.libraries import train_by, train_in_one_file
 from lidarnaut.benchmarks.speed.peers.step import step
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import RobotParams, load_robot
@@ -71,6 +73,18 @@ def trainings() -> Iterator[list[Case]]:
     """Yield whole trainings, rollouts and updates, with a process on each of one or two cores."""
     for name in TRAININGS:
         yield [Case(name, f"cores: {cores}", cores, partial(train, name, cores)) for cores in (1, 2)]
+
+
+def libraries() -> Iterator[list[Case]]:
+    """Yield the training of `reach_scans` by this package and by others, on two cores; sbx if it is installed."""
+    kinds = [("stable_baselines3", *kind) for kind in (("DummyVecEnv", 8), ("SubprocVecEnv", 8), ("SubprocVecEnv", 2))]
+    kinds += [("sbx", "DummyVecEnv", 8)] if find_spec("sbx") else []
+    others = {
+        f"{kind} x {number}, {library}": partial(train_by, library, kind, number) for library, kind, number in kinds
+    }
+    others |= {"SyncVectorEnv x 8, one file": partial(train_in_one_file, 8)}
+    drives = {"lidarnaut": partial(train, "reach_scans", 2), **others}
+    yield [Case(row, "steps/s", 2, drive) for row, drive in drives.items()]
 
 
 def benchmark_robot(num_beams: int = 360) -> RobotParams:
