@@ -332,9 +332,11 @@ def _arguments(
         }
     if isinstance(network, GaussianNetworkConfig):
         own["log_std_init"] = network.log_std
-    if issubclass(algorithm, OnPolicyAlgorithm) and "optimizer_class" not in hyperparameters.get("policy_kwargs", {}):
-        own["optimizer_kwargs"] = {"eps": 1e-5, "fused": True}  # as in the library, with one kernel for all weights
-    return {**hyperparameters, "policy": policy, "policy_kwargs": own | hyperparameters.get("policy_kwargs", {})}
+    given = dict(hyperparameters.get("policy_kwargs", {}))
+    if issubclass(algorithm, OnPolicyAlgorithm) and "optimizer_class" not in given:
+        # The library's epsilon, which it uses only without `optimizer_kwargs`; one kernel for all weights.
+        given["optimizer_kwargs"] = {"eps": 1e-5, "fused": True} | given.get("optimizer_kwargs", {})
+    return {**hyperparameters, "policy": policy, "policy_kwargs": own | given}
 
 
 def _read(name: str, value: Any, action_space: spaces.Space, num_updates: int = 1) -> Any:

@@ -50,7 +50,7 @@ class RunCallback(BaseCallback):
         """Finished rollouts with their updates; steps and time [s] at the start of the current one; steps and time [s]
         of all but the first, which compiles kernels."""
         self._evaluations, self._saved_steps = evaluations, saved_steps
-        self._has_news = False
+        self._has_news, self._num_ended = False, 0
         self._latest: Checkpoint | None = None
 
     def save(self) -> str:
@@ -110,10 +110,12 @@ class RunCallback(BaseCallback):
             raise self.diverged(f"a reward of sub-environment {i} is {rewards[i]}")
         self._bar.update(self._config.num_envs)
         if self.locals["dones"].any():
-            self._has_news = True
+            self._has_news, self._num_ended = True, self._num_ended + int(self.locals["dones"].sum())
             headline, (entry, label), last = self._evaluator.headline, self._evaluator.shown, self._evaluations[-1]
             recent = [episode[entry] for episode in self.model.ep_info_buffer or () if entry in episode]
-            shown = [f"training {label} {100.0 * safe_mean(recent):.0f} %"] if recent else []
+            # The first episodes to end are those that ended early.
+            has_all = recent and self._num_ended >= len(rewards)
+            shown = [f"training {label} {100.0 * safe_mean(recent):.0f} %"] if has_all else []
             if headline.name in last:
                 shown.append(f"validation {headline.label} {headline.text(float(last[headline.name]))} {headline.unit}")
             self._bar.set_postfix_str(", ".join(shown), refresh=False)
@@ -137,7 +139,10 @@ class RunCallback(BaseCallback):
         folder, headline = find_checkpoint(self._run, "best"), self._evaluator.headline
         trust = named_code(self._config.model_dump())
         self.model.policy.load_state_dict(load_checkpoint(folder, policy_only=True, trust=trust).policy)
-        result = {"steps": int(folder.name[5:]), **self._evaluator.policy(self.model.policy, TEST)}
+        result = {
+            "steps": int(folder.name[5:]),
+            **self._evaluator.policy(self.model.policy, TEST, progress=not self._bar.disable),
+        }
         self._write([*references, *self._evaluations, result])
         for row in (result, *references):
             value, low, high = map(headline.text, (float(row[headline.name]), *interval_of(row, headline.name)))
@@ -160,7 +165,8 @@ class RunCallback(BaseCallback):
             write_file(path, json.dumps({"step": step, "by": self._evaluator.headline.name}))
 
     def _evaluate(self) -> None:
-        row: Row = {"steps": self.num_timesteps, **self._evaluator.policy(self.model.policy)}
+        measured = self._evaluator.policy(self.model.policy, progress=not self._bar.disable)
+        row: Row = {"steps": self.num_timesteps, **measured}
         self._evaluations.append(row)
         scalars = {f"evaluation/{name}": value for name, value in row.items() if isinstance(value, float)}
         # Not `logger.record`: recorded values are written only with the next rollout.

@@ -60,11 +60,14 @@ class Evaluator:
         for vector in self._vectors.values():
             vector.close()
 
-    def policy(self, policy: BasePolicy, split: Split = VALIDATION) -> Row:
+    def policy(self, policy: BasePolicy, split: Split = VALIDATION, *, progress: bool = False) -> Row:
         """Evaluate a policy with its most likely actions; return a row of the evaluation table."""
+        total = self._episodes[split]
         if split not in self._vectors:
-            self._vectors[split] = make_vector(self._environment, split, self._episodes[split])
-        histories = run_episodes(self._vectors[split], Actor(policy), self._max_speed, FIRST_SEED[split])
+            self._vectors[split] = make_vector(self._environment, split, total)
+        with Progress(total=total, desc=split, unit="episode", leave=False, disable=not progress) as bar:
+            vector, act, seed = self._vectors[split], Actor(policy), FIRST_SEED[split]
+            histories = run_episodes(vector, act, self._max_speed, seed, bar)
         return self.summarise(marked(LEARNED, None, self._env), split, list(map(self.measure, histories)))
 
     def references(self, names: Mapping[str, str], *, progress: bool = True) -> list[Row]:
@@ -128,11 +131,12 @@ def run_episodes(
     act: Callable[[Observations, np.ndarray], np.ndarray],
     max_speed: float = math.inf,
     seed: int = 0,
+    bar: Progress | None = None,
 ) -> list[EpisodeHistory]:
     """Run one episode in each sub-environment; return the recorded `info` entries of each episode.
 
     Sub-environment i has seed `seed` + i. `act`: function that returns actions for observations and flags of episode
-    starts, shape (num_envs,), bool. `max_speed`: maximum speed of the robot [m/s].
+    starts, shape (num_envs,), bool. `max_speed`: maximum speed of the robot [m/s]. `bar`: counts finished episodes.
     """
     observations, info = vector.reset(seed=seed)
     limits = vector.call("time_limit")  # type: ignore[attr-defined]
@@ -148,4 +152,6 @@ def run_episodes(
             recorders[i].watch(finals[i] if starts[i] else infos[i])
             if starts[i]:
                 histories[i] = recorders[i].history(finals[i], float(limits[i]), max_speed)
+        if bar is not None:
+            bar.update(len(histories) - bar.n)
     return [histories[i] for i in range(vector.num_envs)]

@@ -61,6 +61,12 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
         train(tiny_config, run=tiny_run, progress=False)
 
 
+def test_validations_have_a_progress_bar(tiny_data, tmp_path, capsys):
+    train(changed(tiny_data, total_steps=256), run=tmp_path / "run")
+    lines = capsys.readouterr().err.splitlines()
+    assert any(line.startswith("validation:   0%|") and "/3 [" in line for line in lines)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
 def test_a_second_process_at_a_run_says_who_the_first_one_is(tiny_run, tiny_config, tmp_path, capsys):
     run = shutil.copytree(tiny_run, tmp_path / "run")
