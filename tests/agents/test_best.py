@@ -39,7 +39,7 @@ def scored(monkeypatch):
     """Replace the headline measure of evaluations by step; -1 stands for the test episodes."""
     whole = callbacks.Evaluator.policy
 
-    def policy(self, policy, split="validation"):
+    def policy(self, policy, split="validation", *, progress=False):
         row = whole(self, policy, split)
         if split == "validation":
             step = 128 * scored.count
@@ -165,9 +165,9 @@ def test_the_bar_names_its_values_and_estimates_from_training_alone(config, tmp_
     bars, whole, seen, now = [], callbacks.Evaluator.policy, [], [0.0]
 
     def lasting(method, seconds):
-        def timed(*args):
+        def timed(*args, **options):
             now[0] += seconds
-            return method(*args)
+            return method(*args, **options)
 
         return timed
 
