@@ -64,9 +64,9 @@ def test_the_best_is_kept_named_and_measured_once(config, scored, tmp_path, capl
     caplog.set_level(logging.INFO, "lidarnaut.agents")
     episodes, whole = [], evaluation.run_episodes
 
-    def noted(vector, act, speed, seed):
+    def noted(vector, act, speed, seed, bar):
         episodes.append((vector.get_attr("world")[0], range(seed, seed + vector.num_envs)))
-        return whole(vector, act, speed, seed)
+        return whole(vector, act, speed, seed, bar)
 
     monkeypatch.setattr(evaluation, "run_episodes", noted)
     run = train(config, run=tmp_path / "run", progress=False)
