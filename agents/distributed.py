@@ -89,7 +89,10 @@ class Local(Alone):
                 pipe.send(job)
 
     def receive(self) -> Any:
-        return self._pipes[0].recv()
+        try:
+            return self._pipes[0].recv()
+        except EOFError:  # process 0 has failed before the first step
+            raise SystemExit from None
 
 
 class Remote(Alone):
@@ -169,8 +172,6 @@ def _run(rank: int, size: int, shared: Any, posts: Any, pipe: Any) -> None:
     follow_parent()
     try:
         follow(Local(rank, size, shared, posts, [pipe]))
-    except EOFError:  # process 0 has failed before the first step
-        pass
     except Exception as error:
         pipe.send(" ".join(f"{type(error).__name__}: {error}".split()))
         raise SystemExit(1) from error
@@ -226,7 +227,7 @@ class Share(BaseCallback):
 
 
 class Limit:
-    """Limit of a number of which all processes compare the mean with it, so that all decide alike."""
+    """Limit that all processes compare with the mean of their numbers, so that all decide alike."""
 
     __array_ufunc__ = None  # arrays leave comparisons to this class
 

@@ -8,7 +8,15 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from lidarnaut.agents.config import CompletionConfig, Config, EvolutionConfig, change, find_configuration, parse_config
+from lidarnaut.agents.config import (
+    OTHER_KINDS,
+    CompletionConfig,
+    Config,
+    EvolutionConfig,
+    change,
+    find_configuration,
+    parse_config,
+)
 from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.agents.run_folder import GENERATIONS, RECORD_FILE, SWEEP, VERSIONS, find_config
 from lidarnaut.agents.trust import check_names, named_code
@@ -53,7 +61,8 @@ def train(
         lidarnaut.envs.files.LockedError: if another process writes to the run.
         KeyboardInterrupt: on Ctrl-C, after the state has been saved; the message names the run.
     """
-    if int(os.environ.get("RANK", 0)) and "TORCHELASTIC_RUN_ID" in os.environ:  # process 0 of torchrun reads the rest
+    is_shared = "TORCHELASTIC_RUN_ID" in os.environ  # by torchrun, whose process 0 reads the rest
+    if is_shared and int(os.environ["RANK"]):
         from lidarnaut.agents.learning import follow_remotely
 
         return follow_remotely()
@@ -67,6 +76,8 @@ def train(
         data, text = with_recipe(data)
         data = data if config is not None else {**DEFAULTS, **data}
         LOGGER.info("%s", text or "no recipe")
+    if is_shared and ("seeds" in data or data.get("algorithm") in OTHER_KINDS):
+        raise ValueError("torchrun starts single trainings by reinforcement learning, not sweeps and other kinds")
     # Importing torch takes seconds, so report mistakes in the configuration first.
     if "seeds" in data and data.get("algorithm") == "completion":
         raise ValueError("seeds are for reinforcement learning and evolutions: train completions one by one, by seed")

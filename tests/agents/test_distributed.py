@@ -178,6 +178,14 @@ def test_torchrun_gives_the_same_weights_and_a_run_resumes_with_another_number(t
     assert find_checkpoint(run).name == "step_000001024"
 
 
+@pytest.mark.parametrize("changes", [{"seeds": [0, 1]}, {"algorithm": "evolution"}, {"algorithm": "completion"}])
+def test_torchrun_starts_no_sweeps_and_other_kinds(changes, tiny_data, monkeypatch):
+    monkeypatch.setenv("TORCHELASTIC_RUN_ID", "x")
+    monkeypatch.setenv("RANK", "0")
+    with pytest.raises(ValueError, match="torchrun starts single trainings by reinforcement learning"):
+        train({**tiny_data, **changes})
+
+
 @pytest.mark.parametrize("how", ["killed", "failed"])
 def test_a_process_that_ends_ends_the_training_with_its_reason_and_a_checkpoint(
     how, tiny_data, tmp_path, monkeypatch, capsys
@@ -224,7 +232,7 @@ def test_a_process_that_has_ended_is_found_while_others_wait():
         group.average(torch.zeros(3))
 
 
-def test_one_process_is_as_before(tmp_path):
+def test_one_process_counts_its_own_steps():
     config = tiny("PPO", "Explore")
     with closing(make_vec_env(config)) as env:
         model = untrained(config, env)
