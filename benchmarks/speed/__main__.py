@@ -29,7 +29,8 @@ def main(only: tuple[Stage, ...] = get_args(Stage)[:-2]) -> None:
     """Measure steps per second, and print a table for each benchmark.
 
     Args:
-        only: benchmarks to run; `libraries` takes over 15 minutes, `peers` installs other simulators in `~/.cache/lidarnaut/peers`.
+        only: benchmarks to run; `libraries` takes over 15 minutes, `peers` installs other simulators in
+            `~/.cache/lidarnaut/peers`.
     """
     for stage in Progress(only, desc="speed", unit="benchmark"):
         if stage == "peers":
