@@ -21,11 +21,15 @@ import yaml
 from rich.console import Console
 
 from lidarnaut.agents.config import find_configuration
+from lidarnaut.benchmarks.arena.conditions import FinishedEvaluation
 from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.envs.command_line import begin_command, fail, parse_options, show_log
 from lidarnaut.envs.files import naming, own_folder, read_record
+
+STORED = "of the folder"
+"""Stands for the policies of `--report` alone."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,9 @@ class Command:
     record: bool = False
     """Record each new episode; the report links to pages that play the recordings."""
     report: bool = False
-    """Publish the results in the folder without running episodes."""
+    """Publish the results in the folder without running episodes; without `--policies`, all that it holds."""
+    reference: str = ""
+    """Policy that the report compares the others with; by default `nearest`, `pursuit` or another classic one."""
     publish: Path | None = None
     """Documentation folder for the leaderboard, as `arena.md` and `arena/`."""
     verbose: Annotated[bool, tyro.conf.arg(aliases=["-v"])] = False
@@ -65,19 +71,30 @@ def main(arguments: list[str] | None = None) -> int:
     messages = Console(stderr=True)
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--config")
-    file = first.parse_known_args(arguments)[0].config
+    first.add_argument("--policies")
+    first.add_argument("--report", action="store_true")
+    known = first.parse_known_args(arguments)[0]
     command: Command | None = None
     try:
         settings: Any = tyro.MISSING
-        if file is not None:
-            settings = read_record(find_configuration(file, "policies"), Settings)
+        is_finished = known.report and known.config is known.policies is None
+        if is_finished:
+            settings = Settings(policies=(STORED,))
+        elif known.config is not None:
+            settings = read_record(find_configuration(known.config, "policies"), Settings)
         default = Command(settings, out=tyro.MISSING)
         arguments, further = split_arguments(arguments)
         command = parse_options(Command, arguments, default=default, description=__doc__)
         if further:
             further = {**command.settings.arguments, **further}
             command = replace(command, settings=command.settings.model_copy(update={"arguments": further}))
-        evaluation = Evaluation(command.settings, command.out, command.shard, trust=command.trust)
+        evaluation: Evaluation | FinishedEvaluation
+        if is_finished:
+            if command.settings != settings or command.shard:
+                raise ValueError("--report without --policies shows all results of the folder, and takes no settings")
+            evaluation = FinishedEvaluation(command.out)
+        else:
+            evaluation = Evaluation(command.settings, command.out, command.shard, trust=command.trust)
         failures = []
         if command.publish and command.shard is None:
             # Fail before the first episode if the folder is not writable.
@@ -86,13 +103,13 @@ def main(arguments: list[str] | None = None) -> int:
                 pass
         if command.verbose:
             show_log()
-        if not command.report:
+        if not command.report and isinstance(evaluation, Evaluation):
             how = {"ray": command.ray, "bags": command.bags, "record": command.record}
             failures = run_with_progress(evaluation, command.jobs, messages, **how)
         if command.shard is not None:
             messages.print(f"Shard {command.shard} is done; run the same command without --shard to publish.")
             return 1 if failures else 0
-        publish(evaluation, command=shown_command(said, command), docs=command.publish)
+        publish(evaluation, shown_command(said, command), command.publish, command.reference)
     except KeyboardInterrupt:
         messages.print("Interrupted. Finished episodes are kept; run the same command to resume.")
         return 130
@@ -101,7 +118,7 @@ def main(arguments: list[str] | None = None) -> int:
         if command and is_bare and not isinstance(error, ConnectionError):  # full disk: no path given
             return fail(f"{error} (while writing to {command.out})")
         return fail(error)
-    print_results(evaluation, messages)
+    print_results(evaluation, messages, command.reference)
     return 1 if evaluation.missing() else 0
 
 

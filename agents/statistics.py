@@ -109,9 +109,9 @@ def score(scores: np.ndarray, *, is_widened: bool = False) -> Estimate:
     return Estimate(float(interquartile_mean(scores.mean(axis=1))), float(low), float(high), scores.size)
 
 
-def paired_difference(a: Strata, b: Strata) -> Estimate:
-    """Return the interquartile mean of the differences a - b of paired episodes, with its 95 % interval."""
-    return estimate([x - y for x, y in zip(a, b, strict=True)])
+def paired_difference(a: Strata, b: Strata, statistic: Callable[..., np.ndarray] = interquartile_mean) -> Estimate:
+    """Estimate a statistic, by default the interquartile mean, of the differences a - b of paired episodes."""
+    return estimate([x - y for x, y in zip(a, b, strict=True)], statistic=statistic)
 
 
 def paired_ratio(a: Strata, b: Strata) -> Estimate:
@@ -125,11 +125,6 @@ def probability_of_improvement(a: Strata, b: Strata, higher_is_better: bool) -> 
     """Return the share of paired episodes with a better value in `a` than in `b`; ties count as half."""
     sign = 1.0 if higher_is_better else -1.0
     return estimate([0.5 + 0.5 * np.sign(sign * (x - y)) for x, y in zip(a, b, strict=True)], statistic=np.mean)
-
-
-def performance_profile(strata: Strata, thresholds: np.ndarray) -> Band:
-    """Return a performance profile: the share of episodes with a score above each threshold, with 95 % interval."""
-    return bootstrap([np.asarray(values)[:, None] > thresholds for values in strata], np.mean, NUM_CURVE_RESAMPLES)
 
 
 def curve_band(strata: Strata) -> Band:

@@ -96,7 +96,7 @@ def show(scene: Scene, evaluation: Evaluation, jobs: int, console: Console) -> S
     player = build_page([Recording.load(recording_path(evaluation.folder, typical))])
     where = f"Press Play: the episode of {short(policy)} with the median {measures.headline.label} of "
     where += f"{evaluation.settings.episodes}, seed {typical['seed']}."
-    ranking = ranking_table(episodes.related(), (measures.headline, *(measures.reached or (SUCCESS,))))
+    ranking = ranking_table(episodes, (SUCCESS, measures.decisive))
     return Section(scene.title, (scene.text, where, Frame(player, scene.title), ranking))
 
 

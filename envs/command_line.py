@@ -5,6 +5,7 @@ import functools
 import io
 import logging
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -50,8 +51,13 @@ class _Output(io.FileIO):
 
 
 def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
-    """Return the command-line options, by default those of the process; handle `--version`."""
+    """Return the command-line options, by default those of the process, which SIGTERM then ends like Ctrl-C.
+
+    `--version` prints the version and exits.
+    """
     if arguments is None:
+        if signal.getsignal(signal.SIGTERM) == signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, _interrupt)
         for name in ("stdout", "stderr"):
             stream = getattr(sys, name) or open(os.devnull, "w")  # noqa: SIM115
             if stream is getattr(sys, f"__{name}__") and not stream.isatty():
@@ -63,6 +69,12 @@ def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
         sys.stdout.write(f"{program_name()} {sys.modules['lidarnaut'].__version__}\n")
         sys.exit()
     return list(arguments)
+
+
+def _interrupt(number: int, frame: Any) -> None:
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # background jobs of a script ignore Ctrl-C
+        raise KeyboardInterrupt
+    signal.raise_signal(signal.SIGINT)
 
 
 def fail(error: object) -> int:

@@ -361,6 +361,8 @@ class Task(Brief):
 
     measures: ClassVar[Sequence[Measure]] = (TIME_TO_SUCCESS,)
     """Measures of an episode, in addition to `lidarnaut.envs.measures.COMMON` and `SUCCESS`."""
+    success_condition: str = "the task is completed"
+    """Condition of `is_success` in words, for reports."""
     rests_between_scans: bool = False
     """Whether `update` may be skipped in control periods without a processed scan.
 

@@ -1,5 +1,6 @@
 """Statistics of evaluated episodes: estimates, paired comparisons and rankings of policies."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -8,13 +9,23 @@ import numpy as np
 
 from lidarnaut.agents.frontiers.tasks import is_held_out
 from lidarnaut.agents.policy_names import is_bound
-from lidarnaut.agents.statistics import Estimate, estimate, success_rate
+from lidarnaut.agents.statistics import (
+    Estimate,
+    estimate,
+    interquartile_mean,
+    paired_difference,
+    paired_ratio,
+    success_rate,
+)
 from lidarnaut.benchmarks.arena.evaluation_folder import Row
-from lidarnaut.benchmarks.arena.measures import Measures, share_of
-from lidarnaut.envs.measures import Measure
+from lidarnaut.benchmarks.arena.measures import MIN_STARTS, Measures
+from lidarnaut.envs.measures import TIME_TO_SUCCESS, Measure
 
 REFERENCES = ("dock", "boustrophedon", "nearest", "frontier", "pursuit", "rrt_team", "route_follower")
 """Names of policies that serve as the reference of comparisons, in order of preference; otherwise, the first policy."""
+
+MIN_RATIO_VALUE = 1.0
+"""Lower limit of times [s] and distances [m] in ratios between policies; smaller values are raised to it."""
 
 Case = tuple[str, ...]
 """Conditions of an episode: world, robot, physics, SLAM or localizer, and people."""
@@ -30,17 +41,24 @@ def start_of(row: Row) -> tuple[Case, int]:
     return case_of(row), row["seed"]
 
 
+def raw_value(row: Row, measure: Measure) -> float:
+    """Return the value of a measure in an episode; infinite if a threshold was not reached."""
+    if measure is TIME_TO_SUCCESS and measure.name not in row:
+        return row["duration"] if row["success"] else math.inf
+    return float(row[measure.name])
+
+
 def value_of(row: Row, measure: Measure) -> float:
     """Return the value of a measure in an episode, capped at the time or distance limit if any."""
-    return float(min(row[measure.name], row[measure.limit]) if measure.limit else row[measure.name])
+    return min(raw_value(row, measure), row[measure.limit] if measure.limit else math.inf)
 
 
 class Episodes:
     """Table of evaluated episodes of one task, with statistics by policy."""
 
-    def __init__(self, rows: Iterable[Row], measures: Measures) -> None:
-        self.rows = list(rows)
-        self.measures = measures
+    def __init__(self, rows: Iterable[Row], measures: Measures, reference: str = "") -> None:
+        """Create a table of `rows`; `reference` is the name of the reference policy, if not the usual one."""
+        self.rows, self.measures, self._reference = list(rows), measures, reference
 
     def __iter__(self) -> Iterator[Row]:
         return iter(self.rows)
@@ -48,8 +66,11 @@ class Episodes:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def like(self, rows: Iterable[Row]) -> "Episodes":
+        return Episodes(rows, self.measures, self._reference)
+
     def where(self, keep: Callable[[Row], Any]) -> "Episodes":
-        return Episodes(filter(keep, self), self.measures)
+        return self.like(filter(keep, self))
 
     def of(self, policy: str) -> list[Row]:
         return [row for row in self if row["policy"] == policy]
@@ -61,7 +82,7 @@ class Episodes:
     @property
     def reference(self) -> str:
         """Name of the policy that the other policies are compared with."""
-        return next((name for name in REFERENCES if name in self.policies), self.policies[0])
+        return next((name for name in (self._reference, *REFERENCES) if name in self.policies), self.policies[0])
 
     @property
     def bound(self) -> str | None:
@@ -85,7 +106,7 @@ class Episodes:
         parts: dict[str, list[Row]] = {label: [] for label in self.labels.values()}
         for row in self:
             parts[self.labels[case_of(row)]].append(row)
-        return {label: Episodes(rows, self.measures) for label, rows in parts.items()}
+        return {label: self.like(rows) for label, rows in parts.items()}
 
     def by_start(self, policy: str) -> dict[tuple[Case, int], Row]:
         return {start_of(row): row for row in self.of(policy)}
@@ -96,7 +117,7 @@ class Episodes:
         Empty without learned policies, or if these are all episodes.
         """
         found = self.where(lambda row: is_held_out(row["world"], row["robot"]))
-        return found if len(found) < len(self) and any(row["model"] for row in self) else Episodes((), self.measures)
+        return found if len(found) < len(self) and any(row["model"] for row in self) else self.like(())
 
     def shared(self, policies: Iterable[str] = ()) -> "Episodes":
         """Return the episodes with conditions and seeds that all given policies have completed.
@@ -107,28 +128,9 @@ class Episodes:
         starts = set.intersection(*(set(self.by_start(name)) for name in names)) if names else set()
         return self.where(lambda row: start_of(row) in starts)
 
-    def related(self, reference: str | None = None) -> "Episodes":
-        """Return the episodes with added columns that relate them to a reference policy's episodes from equal starts.
-
-        `reached` is 1 if the episode reached the first threshold, such as 95 % explored. `relative_*` is the time or
-        distance until a threshold, divided by that of the reference policy (its limit if it missed the threshold).
-        """
-        references = self.by_start(reference or self.reference) if self.rows else {}
-        related = []
-        for row in self:
-            row = row | {one.name: int(np.isfinite(row[self.measures.marks[0].name])) for one in self.measures.reached}
-            same_start = references.get(start_of(row), {})
-            for mark in self.measures.marks if same_start else ():
-                unit, share = value_of(same_start, mark), share_of(mark)
-                for name, value in ((share.name, row[mark.name]), (share.limit, row[mark.limit])):
-                    # Thresholds reached by the first scan have the value 0.
-                    row[name] = value / unit if unit > 0.0 else 1.0
-            related.append(row)
-        return Episodes(related, self.measures)
-
     def values(self, policy: str, measure: Measure) -> list[np.ndarray]:
         """Return the values of a measure for a policy: one array per combination of conditions, ordered by seed."""
-        return _strata([row for row in self.of(policy) if measure.name in row], measure)
+        return _strata(self.of(policy), measure)
 
     def pairs(self, a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Return the values of a measure for policies `a` and `b` in episodes with equal conditions and seed.
@@ -136,19 +138,40 @@ class Episodes:
         Both lists have one array per combination of conditions, in equal order.
         """
         theirs = self.by_start(b)
-        shared = [row for row in self.of(a) if measure.name in row and start_of(row) in theirs]
+        shared = [row for row in self.of(a) if start_of(row) in theirs]
         return _strata(shared, measure), _strata([theirs[start_of(row)] for row in shared], measure)
 
+    def gap(self, a: str, b: str, measure: Measure) -> Estimate:
+        """Return how policies `a` and `b` differ from equal starts, with its 95 % interval.
+
+        Times and distances, also those of `Measures.ratios`: geometric mean of the ratios a / b. Binary measures: mean
+        of the differences a - b; other measures: their interquartile mean.
+
+        Raises:
+            ValueError: if the policies have no start in common.
+        """
+        first, second = self.pairs(a, b, self.measures.times.get(measure.name, measure))
+        if measure.limit:
+            return paired_ratio(*([values.clip(MIN_RATIO_VALUE) for values in strata] for strata in (first, second)))
+        return paired_difference(first, second, np.mean if measure.is_share else interquartile_mean)
+
     def estimate(self, policy: str, measure: Measure) -> Estimate:
-        """Return the interquartile mean of a measure for a policy, or the proportion for a binary measure.
+        """Return the interquartile mean of a measure for a policy, the proportion for a binary measure, or a ratio.
+
+        Ratios are those of `gap` to the reference policy; a threshold that was not reached counts as the limit.
 
         Raises:
             ValueError: if no episode has this measure.
         """
+        mine = self.of(policy)
         if measure.is_share:
-            return success_rate(self.values(policy, measure))
-        mine = [row for row in self.of(policy) if measure.name in row]
-        return estimate(_strata(mine, measure), _strata(mine, measure, lambda row, _: np.isfinite(row[measure.name])))
+            return success_rate(_strata(mine, measure))
+        if time := self.measures.times.get(measure.name):
+            found, starts = self.gap(policy, self.reference, measure), self.by_start(self.reference)
+            missed = sum(math.isinf(raw_value(row, time)) for row in mine if start_of(row) in starts)
+            return found._replace(never=missed, is_bound=(missed > 0, False, False))
+        reached = _strata(mine, measure, lambda row, _: np.isfinite(raw_value(row, measure)))
+        return estimate(_strata(mine, measure), reached)
 
     def summary(self) -> Summary:
         summary: Summary = {policy: {} for policy in self.policies}
@@ -159,7 +182,9 @@ class Episodes:
 
     def standing(self, measure: Measure) -> dict[str, Estimate]:
         """Return the estimates of a measure by policy, best first; policies with access to ground truth come last."""
-        names = dict.fromkeys(row["policy"] for row in self if measure.name in row)
+        names = self.policies
+        if measure.name in self.measures.times:
+            names = [name for name in names if self.by_start(name).keys() & self.by_start(self.reference).keys()]
         found = {name: self.estimate(name, measure) for name in names}
         sign = -1.0 if measure.higher_is_better else 1.0
         return dict(sorted(found.items(), key=lambda one: (is_bound(one[0]), sign * one[1].iqm, one[1].is_bound[0])))
@@ -180,14 +205,14 @@ def _strata(rows: Sequence[Row], measure: Measure, value: Callable[[Row, Measure
     return [np.array(stratum) for stratum in strata.values()]
 
 
-def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
-    """Return the policies with the best value of a measure, as rounded in tables; empty if all are equal.
+def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> str:
+    """Return the policy whose interval is better than those of all others; empty if there is none.
 
-    Policies with access to ground truth are ignored.
+    Policies with access to ground truth are ignored. It takes `MIN_STARTS` starts.
     """
-    shown = {k: (float(measure.text(one.iqm)), one.is_bound[0]) for k, one in estimates.items() if not is_bound(k)}
-    if measure.higher_is_better is None or not shown:
-        return set()
-    best = max(shown.values()) if measure.higher_is_better else min(shown.values())
-    winners = {policy for policy, value in shown.items() if value == best}
-    return winners if len(winners) < len(shown) else set()
+    sign = 1.0 if measure.higher_is_better else -1.0
+    ends = {name: sorted((sign * one.low, sign * one.high)) for name, one in estimates.items() if not is_bound(name)}
+    if measure.higher_is_better is None or len(ends) < 2 or min(estimates[name].n for name in ends) < MIN_STARTS:
+        return ""
+    best, *others = sorted(ends, key=lambda name: -ends[name][0])
+    return best if ends[best][0] > max(ends[other][1] for other in others) else ""

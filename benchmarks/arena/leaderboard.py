@@ -8,16 +8,13 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.agents.policy_names import is_bound, short
-from lidarnaut.agents.statistics import Estimate, paired_difference, paired_ratio, probability_of_improvement
-from lidarnaut.benchmarks.arena.episodes import Episodes, best_of, start_of
+from lidarnaut.agents.statistics import Estimate, paired_difference, probability_of_improvement
+from lidarnaut.benchmarks.arena.episodes import Episodes, best_of, raw_value, start_of
 from lidarnaut.benchmarks.arena.evaluation_folder import Row
-from lidarnaut.benchmarks.arena.measures import share_of
 from lidarnaut.benchmarks.arena.page import Cell, Section, Table
 from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")
-MIN_RATIO_VALUE = 1.0
-"""Lower limit of times [s] and distances [m] in ratios between policies; smaller values are raised to it."""
 MARKS = (0.95, 0.99)
 """Explored fractions; the report counts the episodes that end below each of them."""
 DRIFT = 0.3
@@ -31,7 +28,7 @@ REASONS = {
 
 def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cell]:
     best = best_of(estimates, measure)
-    return {policy: Cell.of(value, measure, policy in best) for policy, value in estimates.items()}
+    return {policy: Cell.of(value, measure, policy == best) for policy, value in estimates.items()}
 
 
 def policies_table(episodes: Episodes, shown: Sequence[Measure], names: Mapping[str, str], **how: Any) -> Table:
@@ -42,8 +39,8 @@ def policies_table(episodes: Episodes, shown: Sequence[Measure], names: Mapping[
 
 
 def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
-    """Return the leaderboard: one row per policy, ranked by the task's main measure, and one column per measure."""
-    ranked = enumerate(episodes.standing(episodes.measures.headline), start=1)
+    """Return the leaderboard: one row per policy, ranked by the decisive measure, and one column per measure."""
+    ranked = enumerate(episodes.standing(episodes.measures.decisive), start=1)
     names = {policy: f"{'bound:' if is_bound(policy) else f'{k}.'} {short(policy)}" for k, policy in ranked}
     return policies_table(episodes, shown, names, is_open=True)
 
@@ -53,22 +50,27 @@ def ranking_sections(episodes: Episodes) -> list[Section]:
 
     If learned policies ran, the first leaderboard covers only worlds and robots not used in training.
     """
-    headline, shown = episodes.measures.headline, episodes.measures.shown
+    measures, headline = episodes.measures, episodes.measures.headline
     text = (
-        f"Ranked by {headline.label}{f': {headline.note}' if headline.note else ''}. Interquartile means over all "
-        "starts with 95 % stratified bootstrap intervals; proportions have Wilson intervals."
+        f"Ranked by {measures.decisive.label}. Bold: better than all others, with intervals apart. Interquartile means "
+        "over all starts with 95 % stratified bootstrap intervals; proportions have Wilson intervals."
     )
-    if episodes.measures.marks:
-        text += f" Relative values are divided by those of {short(episodes.reference)} from the same start."
+    if headline.note:
+        text += f" {headline.label[:1].upper()}{headline.label[1:]}: {headline.note}."
+    if measures.ratios:
+        text += (
+            f" Ratios are geometric means over pairs of episodes with {short(episodes.reference)} from the same start; "
+            "a threshold that was not reached counts as the limit (>)."
+        )
     if episodes.bound:
         text += " Policies that use ground truth are performance bounds and are not ranked."
     if not (unseen := episodes.unseen()):
-        return [Section("Leaderboard", (text, ranking_table(episodes, shown)))]
+        return [Section("Leaderboard", (text, ranking_table(episodes, measures.shown)))]
     number, total = (len(set(map(start_of, part))) for part in (unseen, episodes))
     text += f" These are the {number} starts in worlds or with robots not used in training."
     return [
-        Section("Leaderboard", (text, ranking_table(unseen, shown))),
-        Section(f"All {total} starts, including training worlds", (ranking_table(episodes, shown),)),
+        Section("Leaderboard", (text, ranking_table(unseen, measures.shown))),
+        Section(f"All {total} starts, including training worlds", (ranking_table(episodes, measures.shown),)),
     ]
 
 
@@ -84,41 +86,35 @@ def measures_section(episodes: Episodes) -> Section:
 
 def pairs_section(episodes: Episodes) -> Section | None:
     """Return a report section that compares each policy with the reference policy under equal conditions and seeds."""
-    reference, marks, measures = episodes.reference, episodes.measures.marks, episodes.measures.gaps
+    reference, measures = episodes.reference, episodes.measures
     lines = []
     for policy in episodes.policies:
-        cells = []
-        for measure in measures:
-            a, b = episodes.pairs(policy, reference, measure)
-            if policy != reference and a:
-                better = Cell.of(probability_of_improvement(a, b, bool(measure.higher_is_better)), SUCCESS)
-                cells += [Cell.of(paired_difference(a, b), measure, sign="+"), Cell(f"{better.text} %", better.note)]
-        for mark in marks if cells else ():
-            a, b = ([values.clip(MIN_RATIO_VALUE) for values in one] for one in episodes.pairs(policy, reference, mark))
-            cells.append(Cell.of(paired_ratio(a, b), replace(share_of(mark), digits=3)))
-        if cells:
-            lines.append([Cell(short(policy)), *cells])
+        if policy == reference or not episodes.by_start(policy).keys() & episodes.by_start(reference).keys():
+            continue
+        cells = [Cell.of(episodes.estimate(policy, ratio), replace(ratio, digits=3)) for ratio in measures.ratios]
+        pairs = [episodes.pairs(policy, reference, measure) for measure in measures.gaps]
+        gaps = [Cell.of(paired_difference(*pair), one, sign="+") for pair, one in zip(pairs, measures.gaps)]
+        better = probability_of_improvement(*pairs[0], bool(measures.headline.higher_is_better))
+        lines.append([Cell(short(policy)), *cells, Cell.of(better, SUCCESS), *gaps])
     if not lines:
         return None
     reference = short(reference)
     text = (
-        f"Difference to {reference} from the same start (interquartile mean), and the probability of improvement: the "
-        "share of starts with a better result of the policy; ties count half."
+        f"Ratios and differences (interquartile means) to {reference} from the same start, and the probability of "
+        f"improvement: the share of starts with a better {measures.headline.label}; ties count half."
     )
-    if marks:
-        text += f" Ratios are geometric means; thresholds not reached count as the limit; minimum {MIN_RATIO_VALUE:g}."
-    head = ("", *(title for m in measures for title in (m.title, f"better than {reference}")))
-    head += tuple(f"{mark.label} / {reference}'s" for mark in marks)
+    head = ("", *(f"{ratio.label} to {reference}'s" for ratio in measures.ratios), "improvement %")
+    head += tuple(f"{measure.title}, difference" for measure in measures.gaps)
     return Section("Pair by pair", (text, Table(head, lines)))
 
 
 def worlds_section(episodes: Episodes) -> Section:
-    measure = (*episodes.measures.marks, episodes.measures.headline)[0]
+    measure = (*episodes.measures.times.values(), episodes.measures.headline)[0]
     lines = []
     for case, here in episodes.by_case().items():
         cells = marked({policy: here.estimate(policy, measure) for policy in here.policies}, measure)
         for policy, cell in cells.items() if measure.limit else ():
-            reached = [np.isfinite(row[measure.name]) for row in here.of(policy)]
+            reached = [np.isfinite(raw_value(row, measure)) for row in here.of(policy)]
             if any(reached):
                 note = "" if all(reached) else f"{sum(reached)} of {len(reached)}"
                 cells[policy] = cell._replace(note=note)
@@ -140,33 +136,35 @@ def axis_section(episodes: Episodes, axis: str) -> Section | None:
         return None
     base = "truth" if axis == "slam" and "truth" in values else values[0]
     values.sort(key=lambda value: value != base)
+    gaps = *measures.ratios[1:], *measures.gaps
     lines, worlds, num_starts = [], dict[str, None](), 0
     for policy in episodes.policies:
         versions = [row | {"policy": row[axis], axis: base} for row in episodes.of(policy)]
-        shared = Episodes(versions, measures).shared(values).related(base)
+        shared = Episodes(versions, measures, base).shared(values)
         worlds |= dict.fromkeys(row["world"] for row in shared)
         num_starts = num_starts or len(shared.by_start(base))
         for value in values if shared else ():
             cells = [Cell.of(shared.estimate(value, m), m) for m in measures.on_axes]
-            for measure in measures.gaps:
-                difference = paired_difference(*shared.pairs(value, base, measure))
-                cells.append(DASH if value == base else Cell.of(difference, measure, sign="+"))
+            for measure in gaps:
+                sign = "" if measure in measures.ratios else "+"
+                cells.append(DASH if value == base else Cell.of(shared.gap(value, base, measure), measure, sign=sign))
             lines.append([Cell(f"{short(policy)}, {value}"), *cells])
     if not lines:
         return None
     text = f"The same policies from the same {num_starts} starts in {', '.join(worlds)}. Differences are paired" + (
-        f", those of times and distances relative to the policy's values under {base}." if measures.marks else "."
+        f", those of times and distances are ratios to the policy's values under {base}." if measures.ratios else "."
     )
-    head = ("", *(m.title for m in measures.on_axes), *(m.title + f", difference to {base}" for m in measures.gaps))
+    heads = (f"{m.title} to {base}'s" if m in measures.ratios else f"{m.title}, difference to {base}" for m in gaps)
     errors = "What mapping error costs" if measures.marks else "What pose errors cost"
-    return Section(errors if axis == "slam" else f"Effect of {axis}", (text, Table(head, lines)))
+    title = errors if axis == "slam" else f"Effect of {axis}"
+    return Section(title, (text, Table(("", *(m.title for m in measures.on_axes), *heads), lines)))
 
 
 def unfinished_section(episodes: Episodes) -> Section:
     is_covering = "area_left" in {measure.name for measure in episodes.measures.own}
     lines = []
     for policy in episodes.policies:
-        for case, here in Episodes(episodes.of(policy), episodes.measures).by_case().items():
+        for case, here in episodes.like(episodes.of(policy)).by_case().items():
             left = [row for row in here if (row["explored_fraction"] < MARKS[1] if is_covering else not row["success"])]
             if not left:
                 continue

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from lidarnaut.agents.statistics import Estimate
-from lidarnaut.envs.measures import COMMON, SUCCESS, Measure, headline_of
+from lidarnaut.envs.measures import COMMON, SUCCESS, TIME_TO_SUCCESS, Measure, headline_of
 
 NUM_BRIEF = 4
 """Maximum number of measures printed in the terminal for a single world."""
@@ -17,37 +17,42 @@ DECISION = Measure("decision_ms", "decision", "ms", False, digits=2)
 class Measures:
     """Performance measures of a task, grouped by the tables and figures that show them."""
 
-    def __init__(self, own: Sequence[Measure], progress: str) -> None:
-        """Sort the measures of a task, `own`, by use in reports; `progress` is the `info` key of task progress."""
-        self.own, self.progress = tuple(own), progress
+    def __init__(self, own: Sequence[Measure], progress: str, success: str = "the task is completed") -> None:
+        """Sort the measures of a task, `own`, by use in reports.
+
+        `progress` is the `info` key of task progress, `success` the condition of success in words.
+        """
+        self.own, self.progress, self.success = tuple(own), progress, success
         self.all = (*self.own, *COMMON, DECISION, SUCCESS)
         """All measures, in the column order of `episodes.csv`."""
         self.headline = headline_of(self.own)
-        """Measure that ranks the policies."""
+        """Measure that ranks the policies in the leaderboard."""
         others = tuple(measure for measure in self.own if not measure.is_headline)
         self.marks = tuple(measure for measure in self.own if measure.is_relative)
         """Measures of the time or distance until a threshold, such as 95 % explored; empty without a threshold."""
-        self.mark = self.marks[0].label.removeprefix("time to ") if self.marks else ""
-        self.relative = tuple(map(share_of, self.marks))
-        """Times or distances until the threshold, divided by those of the reference policy."""
-        reached = Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True)
-        self.reached = (reached,) * bool(self.marks)
-        """Measure of success: 1 if an episode reached the task's progress threshold (such as 95 % explored), else 0."""
-        self.decisive = (*self.relative, self.headline)[0]
-        """Measure that decides which policy the summary names as best."""
-        self.gaps = self.headline, *(self.relative or others)
-        """Measures shown in comparisons of pairs of policies."""
-        main = self._named(self.progress) if self.marks else others
-        ends = SUCCESS, *self._named("collisions", "decision_ms")
-        self.shown = self.headline, *main, *self.relative, *self.reached, *ends
-        """Measures shown as columns of the leaderboard."""
-        self.on_axes = self.headline, *(self.reached or (SUCCESS,)), *self._named("position_rmse", "map_iou")
-        """Measures shown in comparisons of SLAMs, simulators or crowds."""
+        times = (TIME_TO_SUCCESS, *self.marks) if self.marks else ()
+        self.ratios = tuple(map(ratio_of, times))
+        """Times or distances until success or a threshold, divided by those of the reference from the same start."""
+        self.times = {ratio.name: time for ratio, time in zip(self.ratios, times)}
+        """Measures that `ratios` divide, by the name of the ratio."""
         time = next((measure for measure in self.own if measure.limit), SUCCESS)
+        self.criteria = tuple(dict.fromkeys((SUCCESS, *self.ratios[:2], self.headline, *(() if times else (time,)))))
+        """Measures that the summary ranks policies by, first success."""
+        self.decisive = (*self.criteria, SUCCESS)[1]
+        """Measure that ranks policies of equal success, and the leaderboard."""
+        self.gaps = self.headline, *(() if times else others)
+        """Measures whose differences are shown in comparisons of pairs of policies; ratios are shown too."""
+        main = self._named(self.progress) if times else others
+        end = self._named("collisions", "decision_ms")
+        self.shown = tuple(dict.fromkeys((SUCCESS, *self.ratios, self.headline, *main, *end)))
+        """Measures shown as columns of the leaderboard."""
+        self.on_axes = tuple(dict.fromkeys((SUCCESS, self.headline, *self._named("position_rmse", "map_iou"))))
+        """Measures shown in comparisons of SLAMs, simulators or crowds."""
         safe, common = self._named("collisions"), COMMON[: NUM_BRIEF - 2]
-        story = (self.marks[0], *common) if self.marks else (SUCCESS, time, *safe, *others, *common)
-        self.brief = tuple(dict.fromkeys((self.headline, *story)))[:NUM_BRIEF]
-        """Main measures, printed by default: the headline, then the first threshold, or success and its time."""
+        story = (self.headline, SUCCESS, time, *safe, *others, *common)
+        story = (*times[:2], self.headline, *common) if times else story
+        self.brief = tuple(dict.fromkeys(story))[:NUM_BRIEF]
+        """Main measures, printed by default for a single world."""
         self.label = next((measure.label for measure in self._named(self.progress)), "progress")
         """Axis label of plots of task progress, such as "explored"."""
 
@@ -55,10 +60,10 @@ class Measures:
         return [measure for name in names for measure in self.all if measure.name == name]
 
 
-def share_of(mark: Measure) -> Measure:
-    """Return a new measure: the time or distance measure `mark`, divided by its value for the reference policy."""
-    name, label = f"relative_{mark.name}", f"{mark.label}, relative"
-    return replace(mark, name=name, label=label, unit="", digits=2, scale=1.0, limit=f"{name}_limit")
+def ratio_of(time: Measure) -> Measure:
+    """Return a measure of the ratio of `time`, a time or distance until a threshold, to that of a reference policy."""
+    label = f"{time.label.removesuffix(', ratio')}, ratio"
+    return replace(time, name=f"{time.name}_ratio", label=label, unit="", digits=2, scale=1.0)
 
 
 def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, str]:

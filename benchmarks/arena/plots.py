@@ -1,6 +1,7 @@
 """Plotting functions for evaluations: curves, comparisons of policies, and maps."""
 
 import io
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from itertools import cycle, product
 from typing import Any
@@ -8,8 +9,9 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PatchCollection
-from matplotlib.colors import LinearSegmentedColormap, to_rgba
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
@@ -28,7 +30,7 @@ def hex_color(color: style.Colour) -> str:
 
 
 PAPER, INK, MUTED = "#ffffff", hex_color(style.INK), hex_color(style.MUTED)
-UNKNOWN, ERROR = "#e7e9ed", "#d43d2a"
+UNKNOWN, ERROR, PERSON = "#e7e9ed", "#d43d2a", hex_color(style.PERSON)
 LINES = (*map(hex_color, (style.TRUE, style.ESTIMATED, style.FRONTIER, style.LOOP)), "#d69400", "#42a5e0")
 """Line colours of policies; if there are more policies, colours repeat with the next line style."""
 DASHES = ("solid", (0, (5.0, 1.2)), (0, (6.0, 1.5, 1.5, 1.5)))
@@ -54,6 +56,8 @@ STYLE: dict[Any, Any] = {
 }
 NUM_COLORS = 128
 NUM_POINTS = 200
+MAX_NAME = 24
+"""Maximum number of characters in a line of a policy's name."""
 MAX_SHARE = 1.6
 """Upper end of the axis for times relative to the reference policy. Slower policies are drawn at the edge."""
 
@@ -82,16 +86,17 @@ def sample_curves(
     """
     if end is None:
         end = max(float(getattr(c, over)[-1]) for strata in curves.values() for stratum in strata for c in stratum)
-    grid = max(end, 1e-3) * np.linspace(0.0, 1.0, NUM_POINTS) ** 2
+    grid = np.linspace(0.0, max(end, 1e-3), NUM_POINTS)
     return grid, {
         policy: curve_band([np.array([np.interp(grid, getattr(c, over), c.progress) for c in one]) for one in strata])
         for policy, strata in curves.items()
     }
 
 
-def draw_bands(grid: np.ndarray, bands: Bands, xlabel: str, ylabel: str, has_roots: bool = False) -> Figure:
-    """Plot a curve in percent with its 95 % interval for each policy; `has_roots` selects a square-root x axis."""
-    figure, end = Figure(figsize=(6.6, 3.6)), float(grid[-1])
+def draw_bands(grid: np.ndarray, bands: Bands, xlabel: str, ylabel: str) -> Figure:
+    """Plot a curve in percent with its 95 % interval for each policy."""
+    names = {policy: wrapped(policy) for policy in bands}
+    figure = Figure(figsize=(6.6, max(3.6, 0.9 + 0.15 * sum(1 + name.count("\n") for name in names.values()))))
     axes, lines, alpha = figure.subplots(), list[Line2D](), 0.18 if len(bands) <= 4 else 0.09
     looks = ({"color": color, "linestyle": dash} for dash, color in cycle(product(DASHES, LINES)))
     others: dict[str, Any] = {"random": {"color": MUTED}}
@@ -99,18 +104,17 @@ def draw_bands(grid: np.ndarray, bands: Bands, xlabel: str, ylabel: str, has_roo
         bound = {"color": INK, "linestyle": (0, (1.0, 1.2))} if is_bound(policy) else None
         look, (middle, low, high) = bound or others.get(policy) or next(looks), (100.0 * line for line in band)
         axes.fill_between(grid, low, high, color=look["color"], alpha=alpha, linewidth=0)
-        lines += axes.plot(grid, middle, linewidth=1.8, label=short(policy), **look)
-    axes.set(xlim=(float(grid[0]), end), ylim=(0.0, 102.0), xlabel=xlabel, ylabel=f"{ylabel} [%]")
-    if has_roots:
-        axes.set_xscale("function", functions=(np.sqrt, np.square))
-        ticks = [0.0]
-        for number in (m * 10.0**k for k in range(-1, 6) for m in (1, 2, 5)):
-            if number <= end and np.sqrt(number) - np.sqrt(ticks[-1]) >= 0.11 * np.sqrt(end):
-                ticks.append(number)
-        axes.set(xticks=ticks, yticks=[0, 25, 50, 75, 90, 95, 99], xlabel=f"{xlabel}, square-root scale")
+        lines += axes.plot(grid, middle, linewidth=1.8, label=names[policy], **look)
+    axes.set(xlim=(float(grid[0]), float(grid[-1])), ylim=(0.0, 102.0), xlabel=xlabel, ylabel=f"{ylabel} [%]")
     lines.sort(key=lambda line: -np.mean(np.asarray(line.get_ydata(), np.float64)))
     figure.legend(handles=lines, loc="outside right center", handlelength=2.4)
     return figure
+
+
+def wrapped(policy: str) -> str:
+    """Return the short name of a policy in lines of at most `MAX_NAME` characters."""
+    lines = textwrap.wrap(short(policy).replace("_", "_ "), MAX_NAME)
+    return "\n".join(line.replace("_ ", "_") for line in lines)
 
 
 def draw_values(
@@ -125,7 +129,8 @@ def draw_values(
     `marked` policies are coloured. `levels`: labelled vertical lines. `are_shares`: values are relative to the
     reference policy, and the axis ends at `MAX_SHARE`.
     """
-    figure = Figure(figsize=(7.0, 1.2 + 0.27 * len(values)))
+    names = [wrapped(policy) for policy in values]
+    figure = Figure(figsize=(7.0, 1.2 + sum(0.27 + 0.13 * name.count("\n") for name in names)))
     axes = figure.subplots()
     shown = [one for one, _ in values.values() if not are_shares or one.iqm <= MAX_SHARE]
     low, high = min([one.low for one in shown] + [*levels.values()]), max(one.high for one in shown)
@@ -146,7 +151,7 @@ def draw_values(
     beside = axes.secondary_yaxis("right")
     beside.spines["right"].set_visible(False)
     texts = [text for _, text in values.values()]
-    for side, labels in ((axes, [short(policy) for policy in values]), (beside, texts)):
+    for side, labels in ((axes, names), (beside, texts)):
         side.set_yticks(range(len(values)), labels)
         side.tick_params(axis="y", length=0)
         for policy, tick in zip(values, side.get_yticklabels()):
@@ -157,14 +162,14 @@ def draw_values(
 
 
 def draw_growth(policy: str, trace: Trace) -> Figure:
-    """Plot a map at `NUM_MOMENTS` times, the last one at the end of the episode.
+    """Plot a map at `NUM_MOMENTS` times, the last one at the end of the episode, with the people there.
 
-    Free cells are coloured by the time of first observation, and overlaid with true walls.
+    Free cells are coloured by the time of first observation, unless the map was given, and overlaid with true walls.
     """
     shapes = np.concatenate((trace.segments.reshape(-1, 2), trace.circles[:, :2]))
     (x_min, y_min), (x_max, y_max) = (shapes.min(axis=0) - 0.3).tolist(), (shapes.max(axis=0) + 0.3).tolist()
     height = min(max((y_max - y_min) / (x_max - x_min), 0.4), 2.0) * MAP_WIDTH
-    figure = Figure(figsize=(NUM_MOMENTS * MAP_WIDTH + 0.3, height + 0.3), dpi=110)
+    figure = Figure(figsize=(NUM_MOMENTS * MAP_WIDTH + 0.8, height + 0.3), dpi=110)
     row, end = figure.subplots(1, NUM_MOMENTS), float(trace.curve.time[-1])
     for axes, moment in zip(row, end * np.geomspace(1 / 8, 1.0, NUM_MOMENTS)):
         draw_map(axes, trace, moment)
@@ -173,7 +178,13 @@ def draw_growth(policy: str, trace: Trace) -> Figure:
         axes.set_title(f"{'end, ' if moment == end else ''}{moment:.0f} s: {100 * share:.0f} %", fontsize=9, pad=3)
         for spine in axes.spines.values():
             spine.set_visible(False)
-    row[0].set_ylabel(short(policy), fontsize=10)
+    people = [Circle((x, y), radius) for x, y, radius in trace.people]
+    row[-1].add_collection(PatchCollection(people, facecolor=PERSON, edgecolor=PAPER, linewidth=0.6, zorder=3))
+    row[0].set_ylabel(wrapped(policy), fontsize=10)
+    if not trace.is_given:
+        colors = ScalarMappable(Normalize(0.0, max(end, 1e-9)), TIMES)
+        bar = figure.colorbar(colors, ax=row[-1], fraction=0.08, pad=0.03, ticks=[0.0, round(end)])
+        bar.set_label("first observed [s]")
     return figure
 
 
@@ -181,7 +192,8 @@ def draw_map(axes: Axes, trace: Trace, moment: float) -> None:
     """Draw the map known at `moment` [s], with path and true walls."""
     known = trace.known_since <= moment
     picture = np.full((*known.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
-    picture[known] = TIMES(np.sqrt(trace.known_since[known] / max(float(trace.curve.time[-1]), 1e-9)))
+    since = trace.known_since[known] / max(float(trace.curve.time[-1]), 1e-9)
+    picture[known] = to_rgba(PAPER) if trace.is_given else TIMES(since)
     picture[known & trace.grid.occupied] = to_rgba(INK)
     x_min, y_min, x_max, y_max = trace.grid.bounds
     image = axes.imshow(picture, origin="lower", extent=(x_min, x_max, y_min, y_max), interpolation="auto")

@@ -1,16 +1,17 @@
 """Write the report and the leaderboard of an evaluation."""
 
 import json
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from rich.console import Console
 
 from lidarnaut.agents.policy_names import short
 from lidarnaut.agents.run_folder import write_table
 from lidarnaut.benchmarks.arena import leaderboard, overview
+from lidarnaut.benchmarks.arena.conditions import FinishedEvaluation, arguments_text
 from lidarnaut.benchmarks.arena.episodes import Episodes, Summary, start_of
 from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key
 from lidarnaut.benchmarks.arena.page import Cell, Section, Table, to_html, to_terminal, write_markdown
@@ -19,13 +20,18 @@ from lidarnaut.benchmarks.arena.verdict import verdict_section
 from lidarnaut.benchmarks.arena.workers import NOT_RUN, Result
 from lidarnaut.envs.command_line import make_console
 from lidarnaut.envs.files import printable, read_json, write_file
-from lidarnaut.envs.measures import SUCCESS
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.slam import base_name
 
 TEXT = (
     "All policies run in the same worlds from the same starts with the same noise, and are measured against ground "
     "truth. Competitors do not observe ground truth, except for the pose if `slam` or `localizer` is `truth`. "
+)
+CONDITIONS_TEXT = (
+    "Interquartile means have 95 % percentile intervals of the bootstrap, stratified by world; proportions have Wilson "
+    "intervals; ratios are geometric means over pairs of episodes from the same start. Times are simulated, distances "
+    "are ground truth. A threshold that was not reached counts as the time limit, or as the distance that the robot "
+    "could drive within it at full speed; such values are lower bounds (>)."
 )
 DOCS_TEXT = "See [measures and statistics](../reference/evaluation.md); `arena/episodes.csv` holds the raw numbers."
 
@@ -59,29 +65,35 @@ def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[in
     return {group: (len(names), ", ".join(dict.fromkeys(names))) for group, names in groups.items()}
 
 
-def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None) -> Summary:
+def publish(
+    evaluation: Evaluation | FinishedEvaluation, command: str = "", docs: Path | None = None, reference: str = ""
+) -> Summary:
     """Write `summary.json`, figures, leaderboard and `report.html` to the folder of an evaluation.
 
     Args:
         evaluation: complete or incomplete evaluation.
         command: command line shown in the report.
         docs: if given, also write `arena.md` and `arena/` to this folder.
+        reference: name of the policy that the others are compared with; by default, the first one of `REFERENCES`.
 
     Raises:
-        ValueError: if no episode is finished.
+        ValueError: if no episode is finished, or none of the policy `reference`.
     """
     folder, measures = evaluation.folder, evaluation.measures
-    episodes = Episodes(evaluation.rows(), measures)
+    episodes = Episodes(evaluation.rows(), measures, reference)
     if not episodes:
         raise ValueError(f"{folder} holds no episode yet")
+    if reference and reference not in episodes.policies:
+        raise ValueError(f"reference {reference!r} has no episode; choose one of {', '.join(episodes.policies)}")
     summary = episodes.summary()
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
-    everything = Episodes({Key.of(row): row for row in (*episodes, *evaluation.slam_axis_rows())}.values(), measures)
+    everything = episodes.like({Key.of(row): row for row in (*episodes, *evaluation.slam_axis_rows())}.values())
     sections = _sections(evaluation, episodes, everything, command)
     players = overview.players_section(folder, episodes)
     report = [*sections[:1], *([players] if players else []), *sections[1:]]
-    write_file(folder / "report.html", to_html(report, title=f"Evaluation of {evaluation.settings.id}"))
-    write_markdown("The arena", TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
+    title = f"Evaluation of {evaluation.conditions.settings['id']}"
+    write_file(folder / "report.html", to_html(report, title=title))
+    write_markdown(title, TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
         write_markdown("The arena", TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
         write_table(docs / "arena" / "episodes.csv", everything.rows)
@@ -93,11 +105,15 @@ def to_json(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {k: to_json(v) if isinstance(v, dict) else dict(zip(names, v)) for k, v in summary.items()}
 
 
-def _sections(evaluation: Evaluation, episodes: Episodes, everything: Episodes, command: str) -> list[Section]:
-    fair, sections = episodes.shared().related(), list[Section | None]()
+def _sections(
+    evaluation: Evaluation | FinishedEvaluation, episodes: Episodes, everything: Episodes, command: str
+) -> list[Section]:
+    fair, sections, failed = episodes.shared(), list[Section | None](), evaluation.missing()
+    missing = _missing_section(failed, len(episodes), len(fair))
     if fair:
         sections = [
-            verdict_section(fair),
+            verdict_section(fair, len(failed)),
+            missing,
             *leaderboard.ranking_sections(fair),
             overview.curves_section(evaluation.folder, fair),
             leaderboard.pairs_section(fair),
@@ -108,9 +124,9 @@ def _sections(evaluation: Evaluation, episodes: Episodes, everything: Episodes, 
         *(leaderboard.axis_section(everything, axis) for axis in ("physics", "slam", "people")),
         leaderboard.worlds_section(episodes),
         leaderboard.unfinished_section(episodes),
-        _missing_section(evaluation.missing(), len(episodes), len(fair)),
+        None if fair else missing,
         overview.gallery_section(evaluation.folder, episodes),
-        _origin_section(evaluation, command),
+        _conditions_section(evaluation, everything, command),
     ]
     return list(filter(None, sections))
 
@@ -127,25 +143,35 @@ def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) ->
     return Section("Not run", (text, table) if lines else (text,))
 
 
-def _origin_section(evaluation: Evaluation, command: str) -> Section:
-    facts = evaluation.settings.model_dump(mode="json", exclude={"policies", "worlds"})
+def _conditions_section(evaluation: Evaluation | FinishedEvaluation, episodes: Episodes, command: str) -> Section:
+    """Return the report section from which the methods section of a paper can be written."""
+    conditions, settings = evaluation.conditions, evaluation.conditions.settings
+    facts = {"Environment": f"{settings['id']} {arguments_text(settings['arguments'])}", **conditions.facts}
+    limits, starts = defaultdict[str, set[float]](set), defaultdict[str, set[int]](set)
+    for row in episodes:
+        limits[row["world"]].add(row["time_limit"])
+        starts[row["world"]].add(row["seed"])
+    for name, columns in {"Physics": "physics", "SLAM or localizer": "slam", "People": "people"}.items():
+        facts[name] = ", ".join(dict.fromkeys(row[columns] for row in episodes))
+    for world, seeds in starts.items():
+        span = f"{min(limits[world]):.0f}" + (f" to {max(limits[world]):.0f}" if len(limits[world]) > 1 else "")
+        facts[f"World {world}"] = f"{len(seeds)} starts, seeds {min(seeds)} to {max(seeds)}; time limit {span} s"
+    for policy in episodes.policies:
+        facts[f"Policy {short(policy)}"] = conditions.policies.get(policy) or "without arguments of its own"
     versions = read_json(evaluation.folder / SETTINGS_FILE)["versions"]
-    parts = (
-        f"Command: {command}",
-        f"Settings: {yaml.safe_dump(facts, default_flow_style=True, width=10_000).strip()}",
-        f"Versions: {', '.join(f'{name} {version}' for name, version in versions.items())}",
-    )
-    return Section("How it was made", parts)
+    facts |= {"Command": command, "Versions": ", ".join(f"{name} {one}" for name, one in versions.items())}
+    lines = [[Cell(name), Cell(text)] for name, text in facts.items() if text]
+    return Section("Conditions", (CONDITIONS_TEXT, Table(("", ""), lines, words=(1,), is_open=True)))
 
 
-def print_results(evaluation: Evaluation, messages: Console) -> None:
+def print_results(evaluation: Evaluation | FinishedEvaluation, messages: Console, reference: str = "") -> None:
     """Print the leaderboard, a short table of the worlds if there are several, and the path of the report."""
     console, report, measures = make_console(), printable(evaluation.folder / "report.html"), evaluation.measures
-    episodes = Episodes(evaluation.rows(), measures)
-    fair = (episodes.shared() or episodes).related()
+    episodes = Episodes(evaluation.rows(), measures, reference)
+    fair = episodes.shared() or episodes
     shown, has_worlds = measures.brief, len(episodes.by_case()) > 1
     if has_worlds:
-        shown = (measures.headline, *measures.relative[:1], *(measures.reached or (SUCCESS,)))
+        shown = measures.criteria
     number = len(set(map(start_of, fair)))
     for title, part in {"Worlds or robots not used in training": fair.unseen(), f"All {number} starts": fair}.items():
         if part:

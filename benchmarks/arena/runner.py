@@ -17,6 +17,7 @@ from lidarnaut.agents.trust import named_code
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import prepare
 from lidarnaut.baselines.policy import marked
+from lidarnaut.benchmarks.arena.conditions import Conditions, arguments_text, describe
 from lidarnaut.benchmarks.arena.evaluation_folder import Key, Records, Row, columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.settings import USUAL, Case, Settings
@@ -72,6 +73,7 @@ class Evaluation:
         self._shard = f"{number}of{total}" if total > 1 else ""
         self._custom = dict(custom or {})
         self._robots: dict[Case, str] = {}
+        self._facts: dict[str, str] = {}
         classic = self._check_cases()
         self._policies = {}
         for name in dict.fromkeys((*settings.policies, *settings.slam_axis.policies)):
@@ -98,6 +100,13 @@ class Evaluation:
         self._records = Records(folder, self.columns, common, self._shard, own_worlds)
         self._missing = self._not_found(own)
         self.total = len(own)
+        self.conditions = Conditions(
+            self.measures,
+            settings.model_dump(mode="json", fallback=repr),
+            self._facts,
+            {one.name: arguments_text(one.arguments) for one in self._policies.values()},
+            sorted({task.key.slam for task in self._tasks}),
+        )
 
     @property
     def done(self) -> int:
@@ -135,6 +144,7 @@ class Evaluation:
             if self._shard:
                 locks.enter_context(Lock(self.folder, f"lock-{self._shard}"))
             self._records.begin()
+            self.conditions.save(self.folder)
             self._missing = self._not_found(self._missing)
             is_logged = logging.getLogger("lidarnaut").isEnabledFor(logging.INFO)
             tasks = [replace(task, has_recording=record, is_logged=is_logged) for task in self._missing]
@@ -192,7 +202,8 @@ class Evaluation:
                         f"robots {first!r} and {case.robot!r} differ, but both have the name {name!r}, which "
                         "identifies their episodes; change `name` in one of them"
                     )
-                self.measures = Measures(inner.task.measures, inner.task.progress)
+                self.measures = Measures(inner.task.measures, inner.task.progress, inner.task.success_condition)
+                self._facts |= describe(inner, case.name("people"), case.name("slam"))
                 try:
                     if classic is None:
                         env.reset(seed=seed)

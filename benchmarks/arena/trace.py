@@ -50,12 +50,19 @@ class Trace:
     """True walls (x0, y0, x1, y1) in the world frame, shape (k, 4), float32 [m]."""
     circles: np.ndarray
     """True cylinders (x, y, radius) in the world frame, shape (m, 3), float32 [m]."""
+    people: np.ndarray
+    """True people (x, y, radius) at the end, in the world frame, shape (k, 3), float32 [m]."""
+
+    @property
+    def is_given(self) -> bool:
+        """Whether the map was known from the beginning."""
+        return bool((self.known_since[self.grid.data >= 0] <= self.curve.time[0]).all())
 
     def to_bytes(self) -> bytes:
         archive = io.BytesIO()
         curve = np.stack(self.curve).astype(np.float32)
         grid: dict[str, Any] = {"map": self.grid.data, "resolution": self.grid.resolution, "origin": self.grid.origin}
-        others = {name: getattr(self, name) for name in ("known_since", "start", "segments", "circles")}
+        others = {name: getattr(self, name) for name in ("known_since", "start", "segments", "circles", "people")}
         np.savez_compressed(archive, curve=curve, trail=self.trail, **grid, **others)
         return archive.getvalue()
 
@@ -66,7 +73,9 @@ class Trace:
             grid = OccupancyGrid(file["map"], float(file["resolution"]), (float(x), float(y)))
             curve = ProgressCurve(*file["curve"])
             start = Pose2D(*map(float, file["start"]))
-            return cls(curve, file["trail"], grid, file["known_since"], start, file["segments"], file["circles"])
+            people = file["people"] if "people" in file else np.empty((0, 3))  # none in files of earlier versions
+            shapes = file["segments"], file["circles"], people
+            return cls(curve, file["trail"], grid, file["known_since"], start, *shapes)
 
 
 class Recorder:
@@ -100,6 +109,7 @@ class Recorder:
             env.map_pose,
             env.world.segments.astype(np.float32),
             env.world.circles.astype(np.float32),
+            env.simulator.people[:, [0, 1, 4]].astype(np.float32),
         )
 
     def _fit(self, grid: OccupancyGrid) -> None:

@@ -1,111 +1,200 @@
-"""Summary of an evaluation: best policy and margin, as a sentence and a figure."""
+"""Summary of an evaluation: which policy is best by which measure, how sure that is, and any two policies."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Sequence
 
 from lidarnaut.agents.policy_names import short
-from lidarnaut.agents.statistics import Estimate, paired_difference
+from lidarnaut.agents.statistics import Estimate
 from lidarnaut.baselines import ALL
-from lidarnaut.benchmarks.arena.episodes import Episodes
-from lidarnaut.benchmarks.arena.measures import MIN_STARTS, texts
-from lidarnaut.benchmarks.arena.page import Figure, Section
+from lidarnaut.benchmarks.arena.episodes import Episodes, start_of
+from lidarnaut.benchmarks.arena.measures import MIN_STARTS, ratio_of, texts
+from lidarnaut.benchmarks.arena.page import Cell, Figure, Part, Section, Table
 from lidarnaut.benchmarks.arena.plots import draw_values, render
-from lidarnaut.envs.measures import Measure
+from lidarnaut.envs.measures import SUCCESS, Measure
 
 NUM_NAMED = 3
-"""Maximum number of policies that the summary names as tied with the best."""
+"""Maximum number of policies that a sentence names."""
+RESOLUTION = 0.05
+"""Relative difference for which the summary tells how many starts resolve it."""
 
 
-def verdict_section(episodes: Episodes) -> Section | None:
-    """Return a report section that names the best policy; None with fewer than two ranked policies."""
-    measures, measure = episodes.measures, episodes.measures.decisive
-    if len(episodes.competitors(measure)) < 2:
+class Order:
+    """Ranking of policies without access to ground truth by a measure."""
+
+    def __init__(self, episodes: Episodes, measure: Measure, policies: Sequence[str] = ()) -> None:
+        """Rank the given policies, by default all without access to ground truth."""
+        self.episodes, self.measure = episodes, measure
+        standing = episodes.competitors(measure)
+        self.values = {policy: value for policy, value in standing.items() if not policies or policy in policies}
+        """Estimates by policy, best first."""
+        self.leader, *self.others = self.values
+        self.tied = [one for one in self.others if not is_better(episodes.gap(self.leader, one, measure), measure)]
+        """Policies that are not shown to be worse than the first: the interval of their comparison has no effect."""
+        first = self.values[self.leader]
+        self.is_reached = first.iqm > 0.0 if measure.is_share else first.never < first.n
+        """Whether any policy reached the threshold, or succeeded."""
+
+    @property
+    def best(self) -> list[str]:
+        return [self.leader, *self.tied]
+
+    def named(self, policy: str) -> str:
+        return f"{short(policy)} ({value_text(self.values[policy], self.measure)})"
+
+    def success(self) -> str:
+        """Return the policies that succeed most often, as a sentence."""
+        worse = [policy for policy in self.others if policy not in self.tied]
+        if not self.is_reached:
+            return "No policy succeeded."
+        if not worse:
+            if self.values[self.leader].iqm == self.values[self.others[-1]].iqm:
+                return f"All policies succeed alike often: {value_text(self.values[self.leader], self.measure)}."
+            return f"No policy is shown to succeed more often: {listed([*map(self.named, self.values)])}."
+        verb = "succeed" if self.tied else "succeeds"
+        return f"{listed([*map(self.named, self.best)])} {verb} most often; less: {listed([*map(self.named, worse)])}."
+
+    def sentence(self) -> str:
+        """Return the first policy, those not shown to be worse, a classic rival and the bound, as a sentence."""
+        episodes, measure, leader = self.episodes, self.measure, self.leader
+        if not self.is_reached:
+            return "No policy reached it."
+        of = f" of {short(episodes.reference)}'s" if measure.name in episodes.measures.times else ""
+        has = f"{measure.label.removesuffix(', ratio')} {value_text(self.values[leader], measure)}{of}"
+        if self.tied:
+            near = listed([*map(self.named, self.tied)])
+            parts = [f"{short(leader)} is first: {has}", f"not shown to be worse: {near}"]
+        else:
+            parts = [f"{short(leader)} is best: {has}"]
+        rivals = [policy for policy in self.others if leader in ALL or policy in ALL]
+        if rivals and not set(rivals) & set(self.tied):
+            parts.append(f"{'the next' if leader in ALL else 'the best classic policy'} is {self.named(rivals[0])}")
+        if bound := bound_of(episodes, measure):
+            parts.append(f"the bound, {episodes.bound}, has {value_text(bound, measure)}")
+        return f"{'; '.join(parts)}."
+
+    def certainty(self) -> str:
+        """Return the comparison with the closest rival, and how many starts would decide a tie, as a sentence."""
+        if not self.others:
+            return ""
+        rival, measure, who = (*self.tied, *self.others)[0], self.measure, short(self.leader)
+        gap, kind = self.episodes.gap(self.leader, rival, measure), "ratio" if measure.limit else "difference"
+        text = f"In {gap.n} pairs, the {kind} of {who} to {short(rival)} is {value_text(gap, measure, gap)}"
+        whole = gap.iqm if measure.limit else abs(self.values[self.leader].iqm)
+        if not self.tied or whole <= 0.0 or gap.low == gap.high:
+            return f"{text}."
+        wanted = math.ceil(gap.n * ((gap.high - gap.low) / (2.0 * RESOLUTION * whole)) ** 2)
+        if wanted <= gap.n:
+            return f"{text}; these starts resolve {100.0 * RESOLUTION:.0f} %."
+        return f"{text}; about {wanted} starts would resolve {100.0 * RESOLUTION:.0f} %."
+
+
+def is_better(gap: Estimate, measure: Measure) -> bool:
+    """Return whether the interval of a paired comparison, see `Episodes.gap`, lies on the better side."""
+    equal = 1.0 if measure.limit else 0.0
+    return gap.low > equal if measure.higher_is_better else gap.high < equal
+
+
+def verdict_section(episodes: Episodes, num_missing: int = 0) -> Section | None:
+    """Return a report section that names the best policies; None with fewer than two without ground truth.
+
+    `num_missing`: number of episodes without a result, which the section mentions.
+    """
+    if len(episodes.competitors(SUCCESS)) < 2:
         return None
     text, where = verdict(episodes), ""
     if unseen := episodes.unseen():
         where = ", in worlds or with robots not used in training"
         text = f"{where[2:].capitalize()}: {verdict(unseen)} Including training worlds: {text}"
         episodes = unseen
-    values, reference = episodes.competitors(measure), episodes.reference
-    first = next(iter(values.values()))
-    if first.never == first.n or _least(values) < MIN_STARTS:
-        return Section("At a glance", (text,))
-    levels, title, best, better = {}, measure.title, "best", "better"
-    if measures.marks:
-        levels, best, better = {f"{short(reference)} = 1": 1.0}, "fastest", "faster"
-        title = f"time to {measures.mark} as a share of {short(reference)}'s"
-    if bound := _bound(episodes, measure):
-        levels[f"ground truth: {texts(measure, bound[1])[0]}"] = measure.scale * bound[1].iqm
-    drawn = {}
-    for policy, value in values.items():
-        middle, low, high = (measure.scale * number for number in value[:3])
-        drawn[policy] = Estimate(middle, low, high, value.n), _value(value, measure)
-    best_ones = [next(iter(values)), *_tied(episodes, values, measure)]
-    picture = render(draw_values, drawn, best_ones, levels, title, bool(measures.marks))
-    caption = (
-        f"{title[:1].upper()}{title[1:]}{' from the same start' if measures.marks else ''}{where}: interquartile "
-        f"means, 95 % intervals. Further {'right' if measure.higher_is_better else 'left'} is {better}. Blue: the "
-        f"{best} policy, and policies that cannot be distinguished from it."
-    )
-    return Section("At a glance", (text, Figure("verdict", picture, caption, is_wide=True)))
+    parts: list[Part] = [f"{num_missing} episodes are missing. " * (num_missing > 0) + text]
+    if num_starts(episodes) >= MIN_STARTS:
+        orders = {measure.name: Order(episodes, measure) for measure in episodes.measures.criteria}
+        telling = [order for order in orders.values() if len(order.tied) < len(order.others)]
+        if len({order.leader for order in telling}) > 1:
+            lines = [[Cell(order.measure.label), Cell(order.sentence())] for order in telling]
+            parts += ["The best policy depends on the measure:", Table(("by", "result"), lines, words=(1,))]
+        if (order := orders[episodes.measures.decisive.name]).is_reached:
+            parts.append(_figure(order, where))
+        parts.append(_matrix(order))
+    return Section("At a glance", tuple(parts))
 
 
 def verdict(episodes: Episodes) -> str:
-    """Summarize an evaluation in a sentence: best policy, tied policies, and result of the ground-truth policy.
+    """Summarize an evaluation: policies that succeed most often, the best of them, and what would decide a tie.
 
-    Policies are tied if the 95 % interval of their paired difference contains 0. It takes `MIN_STARTS` starts of each.
+    Policies are tied if the 95 % interval of their paired comparison contains no effect. It takes `MIN_STARTS` starts.
     """
-    measures, measure, mark = episodes.measures, episodes.measures.decisive, episodes.measures.mark
-    values = episodes.competitors(measure)
-    leader, *others = values
-    number, value = values[leader].n, _value(values[leader], measure)
-    if mark and values[leader].never == number:
-        return f"No policy reached {mark} from any of the {number} starts within the time limit."
-    if (least := _least(values)) < MIN_STARTS:
-        shared = f"the policies have only {least} start{'s' * (least != 1)} in common"
+    success, *others = episodes.measures.criteria
+    if (number := num_starts(episodes)) < MIN_STARTS:
+        shared = f"the policies have only {number} start{'s' * (number != 1)} in common"
         return f"No verdict: {shared}; at least {MIN_STARTS} are needed."
-    found = f"{measure.label} {value} over {number} starts"
-    if mark:
-        found = f"{mark} in {value} of {short(episodes.reference)}'s time over {number} starts"
-    if mark and leader == episodes.reference:
-        found = f"no other policy is faster to {mark} over {number} starts"
-    best, has = ("is fastest", "needs") if mark else ("does best", "has")
-    if tied := _tied(episodes, values, measure):
-        names = [f"{short(policy)} ({_value(values[policy], measure)})" for policy in tied[:NUM_NAMED]]
-        names += [f"{len(tied) - NUM_NAMED} more"] if len(tied) > NUM_NAMED else []
-        listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-        parts = [f"{short(leader)} is ahead: {found}", f"it cannot be distinguished from {listed}"]
-    else:
-        parts = [f"{short(leader)} {best}: {found}"]
-    rivals = [policy for policy in others if leader in ALL or policy in ALL]
-    if rivals and not set(rivals) & set(tied):
-        who = "the next policy" if leader in ALL else "the best classic policy"
-        parts.append(f"{who}, {short(rivals[0])}, {has} {_value(values[rivals[0]], measure)}")
-    if bound := _bound(episodes, measure):
-        parts.append(f"the bound, {bound[0]}, is {_value(bound[1], measure)}")
-    text = f"{'; '.join(parts)}."
-    if (first := next(iter(episodes.standing(measures.headline)))) != leader:
-        text += f" By {measures.headline.label}, the ranking measure of the leaderboard, {short(first)} is first."
-    return text
+    first = Order(episodes, success)
+    parts = [f"{number} starts; success: {episodes.measures.success}.", first.success()]
+    is_level = len(first.best) > 1 and first.is_reached
+    parts += [] if is_level or not first.is_reached else [first.certainty()]
+    orders = (Order(episodes, measure, first.best if is_level else ()) for measure in others)
+    if order := next((one for one in orders if one.is_reached), None):
+        among = "Of these, " if len(order.values) < len(first.values) else ""
+        parts += [f"{among}{order.sentence()}", order.certainty()]
+    return " ".join(filter(None, parts))
 
 
-def _bound(episodes: Episodes, measure: Measure) -> tuple[str, Estimate] | None:
-    return next((item for item in episodes.standing(measure).items() if item[0] == episodes.bound), None)
+def bound_of(episodes: Episodes, measure: Measure) -> Estimate | None:
+    return episodes.standing(measure).get(episodes.bound or "")
 
 
-def _least(values: Mapping[str, Estimate]) -> int:
-    return min(value.n for value in values.values())
+def num_starts(episodes: Episodes) -> int:
+    """Return the number of starts that all policies without access to ground truth share."""
+    return len(set.intersection(*(set(map(start_of, episodes.of(policy))) for policy in episodes.competitors(SUCCESS))))
 
 
-def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) -> list[str]:
-    leader, *others = values
-    sign = 1.0 if measure.higher_is_better else -1.0
-    gaps = {policy: paired_difference(*episodes.pairs(policy, leader, measure)) for policy in others}
-    return [policy for policy, gap in gaps.items() if max(sign * gap.low, sign * gap.high) >= 0.0]
+def listed(names: Sequence[str]) -> str:
+    shown = [*names[:NUM_NAMED], *([f"{len(names) - NUM_NAMED} more"] if len(names) > NUM_NAMED else [])]
+    return " and ".join(filter(None, (", ".join(shown[:-1]), shown[-1])))
 
 
-def _value(estimate: Estimate, measure: Measure) -> str:
-    middle, note = texts(measure, estimate)
+def value_text(estimate: Estimate, measure: Measure, gap: Estimate | None = None) -> str:
+    """Return an estimate of a measure, or of a paired comparison `gap`, with its interval in brackets."""
+    measure = ratio_of(measure) if gap and measure.limit else measure
+    middle, note = texts(measure, estimate, "+" if gap and not measure.limit else "")
     middle = f"{middle} {measure.unit}".strip()
     if estimate.low == estimate.high and estimate.n >= MIN_STARTS:
         return middle
     return f"{middle} [{note.replace(' to ', ', ')}]" if " to " in note else f"{middle} ({note})"
+
+
+def _figure(order: Order, where: str) -> Figure:
+    episodes, measure, levels, drawn = order.episodes, order.measure, dict[str, float](), {}
+    title, is_ratio = measure.title, measure.name in episodes.measures.times
+    if is_ratio:
+        title = f"{title} to {short(episodes.reference)}'s"
+        levels[f"{short(episodes.reference)} = 1"] = 1.0
+    if bound := bound_of(episodes, measure):
+        levels[f"ground truth: {measure.text(bound.iqm)}"] = measure.scale * bound.iqm
+    for policy, value in order.values.items():
+        middle, low, high = (measure.scale * number for number in value[:3])
+        drawn[policy] = Estimate(middle, low, high, value.n), value_text(value, measure)
+    picture = render(draw_values, drawn, order.best, levels, title, is_ratio)
+    caption = (
+        f"{title[:1].upper()}{title[1:]}{where}, with 95 % intervals. Further "
+        f"{'right' if measure.higher_is_better else 'left'} is better. Blue: the first policy, and those not shown to "
+        "be worse in pairs of episodes from the same start."
+    )
+    return Figure("verdict", picture, caption, is_wide=True)
+
+
+def _matrix(order: Order) -> Section:
+    """Return a folded table that compares any two policies."""
+    measure, names, lines = order.measure, [*order.values], list[list[Cell]]()
+    shown, sign, equal = (ratio_of(measure), "", 1) if measure.limit else (measure, "+", 0)
+    for row, a in enumerate(names, start=1):
+        gaps = [None if a == b else order.episodes.gap(a, b, measure) for b in names]
+        cells = [Cell("") if gap is None else Cell.of(gap, shown, is_better(gap, measure), sign) for gap in gaps]
+        lines.append([Cell(f"{row}. {short(a)}"), *cells])
+    text = (
+        f"{shown.label[:1].upper()}{shown.label[1:]}{', difference' * (not equal)} of the row's policy to the "
+        f"column's, from the same {num_starts(order.episodes)} starts, with 95 % intervals. Bold: the row's policy is "
+        f"better; the interval does not contain {equal}."
+    )
+    head = ("", *(f"{k}." for k in range(1, len(names) + 1)))
+    return Section("Any two policies", (text, Table(head, lines, is_open=True)))

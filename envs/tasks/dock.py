@@ -107,6 +107,8 @@ class Dock(DockBrief, Navigate):
             raise ValueError(f"target_charge must lie in [0, 1], got {self.target_charge!r}")
         super().attach(robot, control_period, physics)
         self.needs_explorable = False  # only with the stations
+        charged = f", and charges to {100.0 * self.target_charge:g} %" if self.target_charge else ""
+        self.success_condition = f"the robot docks within {100.0 * self.goal_tolerance:g} cm{charged}"
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         return {**super().observation_parts(), "battery": partial(Battery, self)}

@@ -142,6 +142,8 @@ class Explore(ExploreBrief, UnknownWorldTask):
         if self.return_home:
             self.measures = (*EXPLORATION, *RETURN)  # type: ignore[assignment,misc]
             self.weights = {**self.weights, "returned": 10.0}
+        back = " and the robot is back at its start" if self.return_home else ""
+        self.success_condition = f"{100.0 * self.target_coverage:g} % is explored{back}"
         super().attach(robot, control_period, physics)
 
     def reset(

@@ -101,6 +101,7 @@ class GoalTask(GoalBrief, WorldTask):
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         check_positive(min_distance=self.min_distance)
         super().attach(robot, control_period, physics)
+        self.success_condition = f"the robot is within {self.goal_tolerance:g} m of its goal"
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]

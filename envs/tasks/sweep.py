@@ -103,6 +103,7 @@ class Sweep(KnownMapTask):
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         if not (is_number(self.target_swept) and 0 < self.target_swept <= 1):
             raise ValueError(f"target_swept must lie in (0, 1], got {self.target_swept!r}")
+        self.success_condition = f"{100.0 * self.target_swept:g} % of the floor is swept"
         super().attach(robot, control_period, physics)
 
     def reset(

@@ -106,6 +106,7 @@ class Track(Task):
 
     measures = ROUTE
     progress = "progress"
+    success_condition = "the robot reaches the end of its route"
     weights = {"progress": 1.0, "deviation": -2.0, "time": -0.02, "collision": -0.5, "completed": 10.0}
 
     world: str | World = "workshop_hall"

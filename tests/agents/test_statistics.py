@@ -6,7 +6,6 @@ from lidarnaut.agents.statistics import (
     curve_band,
     estimate,
     paired_difference,
-    performance_profile,
     probability_of_improvement,
     score,
     success_rate,
@@ -60,16 +59,6 @@ def test_curve_band_is_the_interval_of_every_point():
     for k in range(4):
         expected = estimate([curves[:4, k], curves[4:, k]])
         assert (middle[k], low[k], high[k]) == pytest.approx(expected[:3], abs=0.12)
-
-
-def test_a_performance_profile_is_the_share_above_each_threshold():
-    scores = [np.array([0.2, 0.4]), np.array([0.6, 0.8])]
-    middle, low, high = performance_profile(scores, np.array([0.0, 0.2, 0.5, 0.7, 0.8]))
-    assert middle.tolist() == [1.0, 0.75, 0.5, 0.25, 0.0]
-    # Of the first world's two episodes zero, one or two are above 0.2; the second world's always are.
-    assert (low[1], high[1]) == (0.5, 1.0)
-    # Across worlds, the number of samples above 0.5 would vary.
-    assert (low[2], high[2]) == (0.5, 0.5)
 
 
 def test_lower_bounds_show_where_they_decide():

@@ -15,9 +15,9 @@ from lidarnaut.benchmarks.arena.measures import Measures, texts
 from lidarnaut.benchmarks.arena.page import to_terminal
 from lidarnaut.envs.measures import EXPLORATION, GOAL, PEOPLE, REACH, ROUTE, TIME_TO_SUCCESS
 from lidarnaut.evaluate_command import main
-from tests.benchmarks.explorations import BY_NAME, MEASURES, read_rows, related, row
+from tests.benchmarks.explorations import BY_NAME, MEASURES, read_rows, row, table
 
-RELATIVE = BY_NAME["relative_time_to_95"]
+RATIO = BY_NAME["time_to_95_ratio"]
 
 
 def everywhere(policy, area, time, **more):
@@ -37,30 +37,43 @@ ROWS = [
 ]
 
 
-def test_relative_measures_are_shares_of_the_same_starts_reference():
-    found = related([*ROWS, row("quick", 9)]).rows
-    shares = {r["policy"]: (r["relative_time_to_95"], r["relative_distance_to_95"]) for r in found[:-1]}
-    assert shares.pop("oracle (ground truth)") == (0.5, 0.5)
-    assert shares == {"nearest": (1.0, 1.0), "quick": (0.8, 0.8), "slow": (1.5, 1.5)}
-    assert "relative_time_to_95" not in found[-1]  # nearest has no such start
-    assert [r["reached"] for r in related([row("a"), row("b", time=math.inf)])] == [1, 0]
-    assert related([row("nearest", time=0.0)]).rows[0]["relative_time_to_95"] == 1.0  # all was seen at once
+def test_ratios_are_those_to_the_reference_from_the_same_starts():
+    episodes = table([*ROWS, row("quick", 9)])  # nearest has no such start
+    shares = {policy: episodes.estimate(policy, RATIO) for policy in episodes.policies}
+    assert {policy: value.iqm for policy, value in shares.items()} == pytest.approx(
+        {"oracle (ground truth)": 0.5, "nearest": 1.0, "quick": 0.8, "slow": 1.5}
+    )
+    assert {value.n for value in shares.values()} == {8}
+    assert table([row("nearest", time=0.0), row("a", time=0.5)]).estimate("a", RATIO).iqm == 1.0  # all seen at once
+    assert table(ROWS, "slow").estimate("quick", RATIO).iqm == pytest.approx(8 / 15)
 
 
-def test_the_ranking_is_by_area_and_leaves_the_bound_out():
-    episodes = related(ROWS)
-    assert list(episodes.standing(MEASURES.headline)) == ["quick", "nearest", "slow", "oracle (ground truth)"]
+def test_the_ranking_is_by_success_time_and_leaves_the_bound_out():
+    episodes = table(ROWS)
+    assert list(episodes.standing(MEASURES.decisive)) == ["quick", "nearest", "slow", "oracle (ground truth)"]
     (section,) = leaderboard.ranking_sections(episodes)
     head, lines = section.parts[1].head, section.parts[1].lines
     assert [line[0].text for line in lines] == ["1. quick", "2. nearest", "3. slow", "bound: oracle (ground truth)"]
-    quick = {title: cell.text for title, cell in zip(head, lines[0])}
+    quick, slow = ({title: cell.text for title, cell in zip(head, line)} for line in (lines[0], lines[2]))
     assert episodes.estimate("quick", BY_NAME["area_under_curve"]).iqm == pytest.approx(0.865)  # of 0.85 to 0.88, twice
-    assert episodes.estimate("quick", RELATIVE)[:3] == pytest.approx((0.8, 0.8, 0.8))
-    assert (quick["area under curve %"], quick["time to 95 %, relative"], quick["success %"]) == ("86.5", "0.80", "100")
-    best = [cell.is_best for line in lines for cell in line]
-    columns = len(best) // 4
-    assert any(best[:columns])
-    assert not any(best[-columns:])
+    assert (quick["area under curve %"], quick["time to 95 %, ratio"], quick["success %"]) == ("86.5", "0.80", "100")
+    assert slow["time to success, ratio"] == "never"  # it explored 97 %
+    assert [cell.text for cell in lines[0] if cell.is_best] == ["0.80", "0.80", "0.80", "86.5"]
+    assert not any(cell.is_best for line in lines[1:] for cell in line)
+
+
+def test_only_values_with_intervals_apart_are_marked():
+    measure = BY_NAME["area_under_curve"]
+    values = {
+        "a": Estimate(0.9, 0.85, 0.95, 8),
+        "b": Estimate(0.8, 0.75, 0.86, 8),
+        "o (ground truth)": Estimate(1.0, 1.0, 1.0, 8),
+    }
+    assert best_of(values, measure) == ""
+    values["b"] = Estimate(0.8, 0.75, 0.84, 8)
+    assert best_of(values, measure) == "a"
+    assert best_of({**values, "b": values["b"]._replace(n=4)}, measure) == ""
+    assert best_of({"a": values["a"]}, measure) == best_of(values, BY_NAME["path_length"]) == ""
 
 
 def test_only_starts_that_all_competitors_share_count():
@@ -82,7 +95,7 @@ def test_cases_are_named_by_what_differs():
 @pytest.mark.parametrize(
     ("own", "brief"),
     [
-        (EXPLORATION, ["area_under_curve", "time_to_95", "path_length", "collisions"]),
+        (EXPLORATION, ["time_to_success", "time_to_95", "area_under_curve", "path_length"]),
         ((*REACH, *PEOPLE), ["sct", "success", "time_to_goal", "collisions"]),
         (GOAL, ["spl", "success", "time_to_goal", "collisions"]),
         (ROUTE, ["progress", "success", "time_to_end", "collisions"]),
@@ -109,8 +122,9 @@ def test_the_table_of_a_single_world_fits_120_columns_of_a_terminal():
 def test_ratios_of_times_are_geometric_means():
     times = {"nearest": (100.0, math.inf, 0.2), "quick": (50.0, 2000.0, 0.0)}  # times below 1 s count as 1 s
     rows = [row(policy, k, time=time) for policy, each in times.items() for k, time in enumerate(each)]
-    table = leaderboard.pairs_section(related(rows)).parts[1]
-    assert table.lines[0][table.head.index("time to 95 % / nearest's")].text == f"{0.25 ** (1 / 3):.3f}"
+    head, lines = leaderboard.pairs_section(table(rows)).parts[1][:2]
+    cell = lines[0][head.index("time to 95 %, ratio to nearest's")]
+    assert cell.text == f"{0.25 ** (1 / 3):.3f}"
 
 
 def test_an_axis_is_compared_pair_by_pair():
@@ -121,18 +135,18 @@ def test_an_axis_is_compared_pair_by_pair():
     ]
     rows += [row("a", 7, slam="tinyslam", area=0.0), row("a", 0, world="caves"), row("b", 0, world="caves")]
     section = leaderboard.axis_section(Episodes(rows, MEASURES), "slam")
-    text, table = section.parts
+    text, (head, lines, *_) = section.parts
     assert section.title == "What mapping error costs"
     assert "from the same 4 starts in maze." in text
-    assert table.head[1:4] == ("area under curve %", "95 % reached %", "position error cm")
-    names = "area under curve %", "time to 95 %, relative", "distance to 95 %, relative"
-    assert table.head[5:] == tuple(f"{name}, difference to truth" for name in names)
-    shown = {line[0].text: [cell.text for cell in line[1:]] for line in table.lines}
+    assert head[1:4] == ("success %", "area under curve %", "position error cm")
+    ratios = "time to 95 %, ratio to truth's", "distance to 95 %, ratio to truth's"
+    assert head[5:] == (*ratios, "area under curve %, difference to truth")
+    shown = {line[0].text: [cell.text for cell in line[1:]] for line in lines}
     assert list(shown) == ["a, truth", "a, tinyslam", "a, odometry"]
-    assert [cells[0] for cells in shown.values()] == ["80.0", "70.0", "20.0"]
+    assert [cells[1] for cells in shown.values()] == ["80.0", "70.0", "20.0"]
     assert shown["a, truth"][4:] == ["-", "-", "-"]
-    assert shown["a, tinyslam"][4:6] == ["-10.0", "+0.20"]
-    assert shown["a, odometry"][5] == "+2.00"
+    assert shown["a, tinyslam"][4:] == ["1.20", "1.00", "-10.0"]
+    assert shown["a, odometry"][4] == "3.00"
     assert leaderboard.axis_section(Episodes(rows, MEASURES), "physics") is None
 
 
@@ -154,7 +168,7 @@ def test_what_was_not_finished_is_listed_with_why():
 
 
 def reached_in(policy, *times):
-    limited = {"time_limit": 400.0}
+    limited = {"time_limit": 400.0, "distance_limit": 400.0}
     return [row(policy, k, time=t, explored=1.0 if t < math.inf else 0.5, **limited) for k, t in enumerate(times)]
 
 
@@ -163,23 +177,23 @@ def test_worlds_tell_how_many_reached_the_mark():
     rows += reached_in("c", 400.0, 400.0, 400.0)
     ((name, *cells),) = leaderboard.worlds_section(Episodes(rows, MEASURES)).parts[1].lines
     assert name.text == "maze"
-    assert [(cell.text, cell.note) for cell in cells] == [("> 180 s", "2 of 3"), ("never", "> 400 s"), ("400", "")]
+    assert [(cell.text, cell.note) for cell in cells] == [
+        ("> 180.0 s", "2 of 3"),
+        ("never", "> 400.0 s"),
+        ("400.0", ""),
+    ]
 
 
 def test_what_was_never_reached_does_not_look_reached():
     rows = [*reached_in("nearest", 100.0, 200.0), *reached_in("a", math.inf, 400.0), *reached_in("b", *[math.inf] * 2)]
-    episodes = related(rows)
-    assert [r["relative_time_to_95"] for r in episodes] == [1.0, 1.0, math.inf, 2.0, math.inf, math.inf]
-    shown = {policy: texts(RELATIVE, episodes.estimate(policy, RELATIVE)) for policy in "ab"}
-    assert shown == {"a": ("> 3.00", "2.00 to > 4.00; only 2 starts"), "b": ("never", "> 3.00")}
+    shown = {policy: texts(RATIO, table(rows).estimate(policy, RATIO)) for policy in "ab"}
+    assert shown == {"a": ("> 2.83", "2.00 to 4.00; only 2 starts"), "b": ("never", "> 2.83")}
     rows = [*reached_in("a", 100.0, *[math.inf] * 7)]
     time = BY_NAME["time_to_95"]
     assert texts(time, Episodes(rows, MEASURES).estimate("a", time)) == ("> 400 s", "1 of 8")
-    estimates = {"a": Estimate(400.0, 400.0, 400.0, 1), "b": Estimate(400.0, 400.0, 400.0, 1, 1, (True,) * 3)}
-    assert best_of(estimates, time) == {"a"}
     # If the reference never reached the fraction, its time limit is the unit.
     rows = [*reached_in("nearest", math.inf), *reached_in("a", 100.0)]
-    assert [r["relative_time_to_95"] for r in related(rows)] == [math.inf, 0.25]
+    assert table(rows).estimate("a", RATIO).iqm == pytest.approx(0.25)
 
 
 def test_the_published_numbers_are_those_of_the_table(tmp_path):
@@ -197,16 +211,21 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
     for policy, cell in zip(("oracle (ground truth)", "nearest", "frontier"), seconds, strict=True):
         mine = [r for r in rows if r["policy"] == policy and r["slam"] == "hector"]
         areas, fractions = ([float(r[name]) for r in mine] for name in ("area_under_curve", "explored_fraction"))
-        expected = stats.trim_mean(areas, 0.25), stats.trim_mean(fractions, 0.25), np.mean(np.array(fractions) >= 0.95)
-        numbers = [float(re.search(r"[-\d.]+", shown[policy][k]).group()) for k in (0, 1, 4)]
+        expected = (
+            stats.trim_mean(areas, 0.25),
+            stats.trim_mean(fractions, 0.25),
+            np.mean([int(r["success"]) for r in mine]),
+        )
+        numbers = [float(re.search(r"[-\d.]+", shown[policy][k]).group()) for k in (4, 5, 0)]
         assert (np.abs(numbers - 100 * np.array(expected)) <= (0.051, 0.051, 0.51)).all()
-        times = [min(float(r["time_to_95"]), float(r["time_limit"])) for r in mine if r["world"] == "pimouse_arena"]
-        assert float(re.search(r"[\d.]+", cell).group()) == pytest.approx(stats.trim_mean(times, 0.25), abs=0.51)
+        here = [r for r in mine if r["world"] == "pimouse_arena"]
+        times = [float(r["duration"] if r["success"] == "1" else r["time_limit"]) for r in here]
+        assert float(re.search(r"[\d.]+", cell).group()) == pytest.approx(stats.trim_mean(times, 0.25), abs=0.051)
     assert "## What mapping error costs" in page
     assert "nearest, odometry" in page
     pictures = re.findall(r"\]\((arena/[^)]+)\)", page)
     assert "## At a glance" in page[: page.index("## Leaderboard")]
-    assert len(pictures) == 4 + 2 * 3  # no verdict over four starts
+    assert len(pictures) == 2 + 2 * 3  # no verdict over four starts
     assert all((docs / picture).read_bytes().startswith(b"\x89PNG") for picture in pictures)
     names = {f"arena/{path.name}" for path in (docs / "arena").iterdir()}
     assert names == {*pictures, "arena/episodes.csv"}

@@ -5,94 +5,128 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from lidarnaut.benchmarks.arena.episodes import Episodes
 from lidarnaut.benchmarks.arena.leaderboard import ranking_sections
+from lidarnaut.benchmarks.arena.measures import Measures
+from lidarnaut.benchmarks.arena.page import Table
 from lidarnaut.benchmarks.arena.verdict import verdict, verdict_section
-from tests.benchmarks.explorations import related, row
+from lidarnaut.envs.measures import GOAL
+from tests.benchmarks.explorations import row, table
 
 STARTS = 8
+BASE = np.full(STARTS, 100.0)
+SPREAD = np.linspace(-4.0, 4.0, STARTS)
+NEVER = np.full(STARTS, np.inf)
 
 
-def episodes(policy, times, area=0.8, **more):
-    """Episodes with equal starts; an infinite time means that 95 % was never reached."""
-    limits = {"time_limit": 1000.0, "distance_limit": 1000.0}
+def episodes(policy, times, area=0.8, late=None, **more):
+    """Episodes with equal starts; an infinite time means that 95 % was never reached, `late` are times of success."""
+    limits, late = {"time_limit": 1000.0, "distance_limit": 1000.0}, times if late is None else late
+    ends = [{"duration": min(last, 1000.0), "explored": 1.0 if np.isfinite(last) else 0.97} for last in late]
     return [
-        row(policy, seed, area=area, time=time, distance=time, explored=1.0 if np.isfinite(time) else 0.5, **limits)
-        | more
-        for seed, time in enumerate(times)
+        row(policy, seed, area=area, time=time, distance=time, **limits, **end) | more
+        for seed, (time, end) in enumerate(zip(times, ends))
     ]
 
 
-def say(**policies):
-    return verdict(related([row for policy, times in policies.items() for row in episodes(policy, times)]))
+def rows_of(policies):
+    return [row for policy, times in policies.items() for row in episodes(policy, times)]
 
 
-BASE = np.full(STARTS, 100.0)
-SPREAD = np.linspace(-4.0, 4.0, STARTS)
+def say(reference="", **policies):
+    return verdict(table(rows_of(policies), reference))
 
 
-def test_a_clear_winner_stands_beside_the_best_classic_explorer_and_the_bound():
+def test_the_best_policy_stands_beside_the_best_classic_explorer_and_the_bound():
     bound = {"mine (ground truth)": 0.5 * BASE}
     text = say(**bound, nearest=BASE, frontier=90.0 + SPREAD, rrt=95.0 + SPREAD, mine=80.0 + SPREAD)
+    assert text.startswith("8 starts; success: 99 % is explored. All policies succeed alike often: 100 % [68, 100]. ")
     share = r"0\.80 \[0\.7\d, 0\.8\d\]"
-    assert re.match(rf"mine is fastest: 95 % in {share} of nearest's time over 8 starts; the best classic", text)
-    assert "the best classic policy, frontier, needs 0.90 [" in text
-    assert "the bound, mine (ground truth), is 0.50." in text
-    assert "cannot be distinguished" not in text
+    assert re.search(rf"mine is best: time to success {share} of nearest's; the best classic policy is", text)
+    assert "the best classic policy is frontier (0.90 [" in text
+    assert "the bound, mine (ground truth), has 0.50." in text
+    assert text.endswith("In 8 pairs, the ratio of mine to frontier is 0.89 [0.89, 0.89].")
+    assert "not shown to be worse" not in text
+
+
+def test_success_comes_before_speed():
+    late = np.where(np.arange(STARTS) < 3, BASE, np.inf)
+    rows = [*rows_of({"nearest": BASE, "frontier": 90.0 + SPREAD}), *episodes("mine", 0.5 * BASE, late=0.5 * late)]
+    text = verdict(table(rows))
+    assert "nearest (100 % [68, 100]) and frontier (100 % [68, 100]) succeed most often; less: mine (38 %" in text
+    assert "Of these, frontier is best: time to success 0.90 [" in text
+    alone = verdict(table(rows[STARTS:]))
+    assert "frontier (100 % [68, 100]) succeeds most often; less: mine (38 % [14, 69]). In 8 pairs, the diff" in alone
+    assert "of frontier to mine is +62 % [+25, +88]. frontier is best: time to success" in alone
 
 
 def test_what_differs_from_start_to_start_only_is_not_told_apart():
     text = say(nearest=BASE, frontier=81.0 - SPREAD, rrt=95.0 + SPREAD, mine=80.0 + SPREAD)
-    assert text.startswith("mine is ahead: 95 % in 0.80 [")
-    assert "it cannot be distinguished from frontier (0.81 [" in text
-    assert "rrt" not in text
+    assert "mine is first: time to success 0.80 [" in text
+    assert "not shown to be worse: frontier (0.81 [" in text
+    assert "rrt" not in text.partition("is first")[2]
+    assert text.endswith("these starts resolve 5 %.")
+    text = say(nearest=BASE, frontier=81.0 - 3.0 * SPREAD, mine=80.0 + 3.0 * SPREAD)
+    wanted = int(re.search(r"about (\d+) starts would resolve 5 %", text).group(1))
+    ratios = (80.0 + 3.0 * SPREAD) / (81.0 - 3.0 * SPREAD)
+    half = 1.96 * np.std(np.log(ratios)) / np.sqrt(STARTS)
+    assert wanted == pytest.approx(STARTS * (half / 0.05) ** 2, rel=0.2)
     # The intervals overlap, but one policy is faster from every start.
-    paired = say(nearest=BASE, frontier=81.0 + SPREAD, mine=80.0 + SPREAD)
-    assert paired.startswith("mine is fastest")
+    assert "mine is best" in say(nearest=BASE, frontier=81.0 + SPREAD, mine=80.0 + SPREAD)
 
 
 def test_many_that_cannot_be_told_apart_are_counted():
     same = {name: 80.0 - (k + 1) * 0.01 * SPREAD + 0.001 * k for k, name in enumerate("abcde")}
     text = say(nearest=BASE, mine=80.0 + SPREAD, **same)
-    assert re.search(r"cannot be distinguished from \w \(.*\), \w \(.*\), \w \(.*\) and 2 more", text)
+    assert re.search(r"not shown to be worse: \w \(.*\), \w \(.*\), \w \(.*\) and 2 more", text)
 
 
-def test_the_reference_may_win_and_nobody_may():
-    text = say(nearest=BASE, frontier=110.0 + SPREAD)
-    assert text.startswith("nearest is fastest: no other policy is faster to 95 % over 8 starts; the next")
-    never = np.full(STARTS, np.inf)
-    nobody = "No policy reached 95 % from any of the 8 starts within the time limit."
-    assert say(nearest=never, frontier=never) == nobody
-    both = related([*episodes("nearest", never), *episodes("frontier", never)])
-    assert len(verdict_section(both).parts) == 1
-    assert verdict_section(related(episodes("nearest", BASE))) is None
+def test_any_policy_may_be_the_reference():
+    assert "time to success 1.00 of nearest's; the next is frontier (1.10 [" in say(
+        nearest=BASE, frontier=110.0 + SPREAD
+    )
+    text = say("frontier", nearest=BASE, frontier=110.0 + SPREAD)
+    assert re.search(r"nearest is best: time to success 0\.91 \[0\.\d+, 0\.\d+\] of frontier's", text)
+
+
+def test_nobody_may_succeed():
+    rows = [*episodes("nearest", BASE, late=NEVER), *episodes("frontier", 0.5 * BASE, late=NEVER)]
+    assert "No policy succeeded. frontier is best: time to 95 % 0.50 of nearest's" in verdict(table(rows))
+    rows = [*episodes("nearest", NEVER), *episodes("frontier", NEVER, area=0.7)]
+    assert "No policy succeeded. nearest is best: area under curve 80.0 %" in verdict(table(rows))
+    assert verdict_section(table(episodes("nearest", BASE))) is None
+    assert verdict_section(table(rows), 3).parts[0].startswith("3 episodes are missing. 8 starts;")
 
 
 @pytest.mark.parametrize("number", [1, 2, 4, 5])
 def test_few_starts_give_no_verdict_and_tables_say_so(number):
     times = {"nearest": BASE[:number], "mine": 0.5 * BASE[:number], "mine (ground truth)": 0.2 * BASE[:number]}
-    explored = related([row for policy, values in times.items() for row in episodes(policy, values)])
+    explored = table(rows_of(times))
     section, (ranking,) = verdict_section(explored), ranking_sections(explored)
-    notes = [cell.note for line in ranking.parts[-1].lines for cell in line[1:] if cell.note]
+    cells = [cell for line in ranking.parts[-1].lines for cell in line[1:]]
+    notes = [cell.note for cell in cells if cell.note]
     if number >= 5:
-        assert section.parts[0].startswith("mine is fastest")
+        assert "mine is best" in section.parts[0]
+        assert any(cell.is_best for cell in cells)
         assert not [note for note in notes if "only" in note]
         return
     few = f"only {number} start{'s' * (number > 1)}"
     assert section.parts == (f"No verdict: the policies have {few} in common; at least 5 are needed.",)
     assert all(note.endswith(few) for note in notes)
     assert len(notes) > 10
+    assert not any(cell.is_best for cell in cells)
 
 
-def test_the_policy_with_the_fewest_starts_decides_whether_there_is_a_verdict():
-    rows = [*episodes("nearest", BASE), *episodes("mine", 0.5 * BASE), *episodes("late", 0.4 * BASE[:3])]
-    assert verdict(related(rows)).startswith("No verdict: the policies have only 3 starts in common;")
-    never = related([*episodes("nearest", [np.inf] * 2), *episodes("mine", [np.inf] * 2)])
-    assert verdict(never) == "No policy reached 95 % from any of the 2 starts within the time limit."
+def test_the_starts_that_all_share_decide_whether_there_is_a_verdict():
+    rows = [*rows_of({"nearest": BASE, "mine": 0.5 * BASE}), *episodes("late", 0.4 * BASE[:3])]
+    assert verdict(table(rows)).startswith("No verdict: the policies have only 3 starts in common;")
+    disjoint = [*episodes("nearest", BASE), *(one | {"seed": 100} for one in episodes("mine", BASE))]
+    assert "only 0 starts" in verdict(table(disjoint))
 
 
 def test_a_bound_of_few_starts_says_so():
-    rows = [*episodes("nearest", BASE), *episodes("mine", 0.5 * BASE), *episodes("o (ground truth)", [20.0, 30.0])]
-    assert "the bound, o (ground truth), is 0.25 [0.20, 0.30; only 2 starts]" in verdict(related(rows))
+    rows = [*rows_of({"nearest": BASE, "mine": 0.5 * BASE}), *episodes("o (ground truth)", [20.0, 30.0])]
+    assert "the bound, o (ground truth), has 0.24 [0.20, 0.30; only 2 starts]" in verdict(table(rows))
 
 
 def test_what_no_training_saw_comes_first():
@@ -102,35 +136,72 @@ def test_what_no_training_saw_comes_first():
         times = {"nearest": BASE, "gain_over_cost": 0.85 * BASE + SPREAD, "mine": share * BASE + SPREAD}
         for policy, values in times.items():
             rows += episodes(policy, values, world=world, model="ab" if policy == "mine" else "")
-    text, figure = verdict_section(related(rows)).parts
+    text, figure, matrix = verdict_section(table(rows)).parts
     first, pooled = text.split(" Including training worlds: ")
-    assert first.startswith("In worlds or with robots not used in training: gain_over_cost is fastest: 95 % in 0.85")
-    assert f"over {STARTS} starts" in first
-    assert pooled.startswith("mine is fastest: 95 % in 0.70")
-    assert f"over {2 * STARTS} starts" in pooled
+    assert first.startswith(f"In worlds or with robots not used in training: {STARTS} starts;")
+    assert "gain_over_cost is best: time to success 0.85" in first
+    assert pooled.startswith(f"{2 * STARTS} starts;")
+    assert "mine is best: time to success 0.67" in pooled
     assert "not used in training" in figure.caption
-    unseen_ranking, ranking = ranking_sections(related(rows))
+    assert f"same {STARTS} starts" in matrix.parts[0]
+    unseen_ranking, ranking = ranking_sections(table(rows))
     assert ranking.title.startswith(f"All {2 * STARTS} starts")
-    lines = [[line[1].text for line in section.parts[-1].lines] for section in (unseen_ranking, ranking)]
-    assert lines[0] == lines[1]
     assert unseen_ranking.parts[1] != ranking.parts[0]
     # Without learned models, all starts are alike.
-    classic = related([row | {"model": ""} for row in rows])
+    classic = table([row | {"model": ""} for row in rows])
     assert not verdict_section(classic).parts[0].startswith("In worlds")
     assert len(ranking_sections(classic)) == 1
 
 
-def test_another_order_by_area_is_said():
-    rows = [*episodes("nearest", BASE, 0.9), *episodes("frontier", 0.8 * BASE, 0.8)]
-    order = "By area under curve, the ranking measure of the leaderboard, nearest is first."
-    assert verdict(related(rows)).endswith(order)
+def test_orders_that_differ_are_told_in_a_sentence_each():
+    slow = 120.0 + SPREAD
+    rows = [
+        *episodes("nearest", BASE, 0.9),
+        *episodes("frontier", 0.8 * BASE, 0.8, late=slow),
+        *episodes("rrt", slow, 0.7),
+    ]
+    _, text, orders, _, _ = verdict_section(table(rows)).parts
+    assert text == "The best policy depends on the measure:"
+    found = {line[0].text: line[1].text for line in orders.lines}
+    assert list(found) == ["time to success, ratio", "time to 95 %, ratio", "area under curve"]
+    assert [text.partition(" is ")[0] for text in found.values()] == ["nearest", "frontier", "nearest"]
+    same = [*episodes("nearest", BASE, 0.9), *episodes("frontier", 0.8 * BASE, 0.95)]
+    assert not [part for part in verdict_section(table(same)).parts if isinstance(part, Table)]
+
+
+def test_any_two_policies_are_compared():
+    times = {"nearest": BASE, "b": 80.0 + SPREAD, "c": 81.0 - SPREAD}
+    head, lines = verdict_section(table(rows_of(times))).parts[-1].parts[1][:2]
+    assert head == ("", "1.", "2.", "3.")
+    cells = {line[0].text: line[1:] for line in lines}
+    assert list(cells) == ["1. b", "2. c", "3. nearest"]
+    assert [cell.text for cell in cells["1. b"]] == ["", "0.99", "0.80"]
+    assert [cell.is_best for cell in cells["1. b"]] == [False, False, True]
+    assert [cell.text for cell in cells["3. nearest"]] == ["1.25", "1.24", ""]
+    assert not any(cell.is_best for cell in cells["3. nearest"])
+
+
+def test_goals_are_judged_by_their_own_success():
+    measures = Measures((*GOAL,), "progress", "the robot is within 0.3 m of its goal")
+    rates = {"pursuit": 1.0, "dwb": 1.0, "mine": 0.25}
+    rows = [
+        {**row(policy, seed), "spl": spl, "success": int(seed < rate * STARTS), "time_to_goal": 10.0, "way_left": 0.0}
+        for (policy, rate), spl in zip(rates.items(), (0.9, 0.7, 0.95))
+        for seed in range(STARTS)
+    ]
+    text = verdict(Episodes(rows, measures))
+    assert text.startswith("8 starts; success: the robot is within 0.3 m of its goal. ")
+    assert "succeed most often; less: mine (25 %" in text
+    assert text.endswith(
+        "Of these, pursuit is best: success by path length 90.0 %; the next is dwb (70.0 %). "
+        "In 8 pairs, the difference of pursuit to dwb is +20.0 %."
+    )
 
 
 @pytest.mark.parametrize("slowest", [120.0, 700.0, np.inf])
 def test_the_picture_holds_all_of_its_labels(slowest):
-    times = {"nearest": BASE, "mine": 0.8 * BASE, "slow": [slowest] * STARTS}
-    text, figure = verdict_section(related([row for item in times.items() for row in episodes(*item)])).parts
-    assert text.startswith("mine is fastest")
+    times = {"nearest": BASE, "a policy with a name of over thirty letters": 0.8 * BASE, "slow": [slowest] * STARTS}
+    figure = next(part for part in verdict_section(table(rows_of(times))).parts if hasattr(part, "caption"))
     pixels = np.asarray(Image.open(io.BytesIO(figure.content)).convert("L"))
     assert pixels[:, [0, -1]].min() > 240
     assert pixels[[0, -1]].min() > 240

@@ -1,0 +1,140 @@
+"""Conditions of an evaluation, as a paper has to state them, and the report's access to finished evaluations."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from lidarnaut.benchmarks.arena.evaluation_folder import Key, Row, columns_of, read_table
+from lidarnaut.benchmarks.arena.measures import Measures
+from lidarnaut.benchmarks.arena.workers import Result
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.files import read_json, write_file
+from lidarnaut.envs.measures import Measure
+from lidarnaut.envs.robots import RobotParams
+
+FILE = "conditions.json"
+SHOWN = ("name", "label", "unit", "higher_is_better", "digits", "scale", "is_share", "limit", "is_headline", "note")
+"""Fields of a measure that a report needs, besides `is_relative`."""
+
+
+@dataclass(slots=True)
+class Conditions:
+    """What a report of an evaluation needs besides its tables, as kept in its folder."""
+
+    measures: Measures
+    settings: dict[str, Any] = field(default_factory=dict)
+    """Settings of the last command, as in a configuration file."""
+    facts: dict[str, str] = field(default_factory=dict)
+    """Conditions by name: environment, robots, lidars, people and so on."""
+    policies: dict[str, str] = field(default_factory=dict)
+    """Environment arguments that each policy requires, by its name."""
+    slam: list[str] = field(default_factory=list)
+    """Estimators of the main evaluation; other rows belong to the comparison of `slam_axis`."""
+
+    def save(self, folder: Path) -> None:
+        """Write the conditions to a folder, beside those of earlier commands there."""
+        if (folder / FILE).exists():
+            earlier = Conditions.load(folder)
+            self.facts = earlier.facts | self.facts
+            self.policies = earlier.policies | self.policies
+            self.slam = [*dict.fromkeys((*earlier.slam, *self.slam))]
+        content = {name: getattr(self, name) for name in ("settings", "facts", "policies", "slam")}
+        content["task"] = {name: getattr(self.measures, name) for name in ("progress", "success")}
+        content["measures"] = [
+            {name: getattr(one, name) for name in (*SHOWN, "is_relative")} for one in self.measures.own
+        ]
+        write_file(folder / FILE, json.dumps(content, indent=1) + "\n")
+
+    @classmethod
+    def load(cls, folder: Path) -> "Conditions":
+        """Read the conditions of a folder; ValueError if they are missing or damaged."""
+        path = folder / FILE
+        if not path.exists():
+            raise ValueError(f"{folder} holds no {FILE}: run the evaluation's command, without --report alone")
+        content = read_json(path)
+        try:
+            own = [Measure(**one) for one in content["measures"]]
+            measures = Measures(own, content["task"]["progress"], content["task"]["success"])
+            return cls(measures, content["settings"], content["facts"], content["policies"], content["slam"])
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{path} is damaged: {error!r}; run the evaluation's command again") from error
+
+
+class FinishedEvaluation:
+    """Results in the folder of an evaluation, to report them without its policies and environments."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open a folder; ValueError if it holds no evaluation, or one that is damaged."""
+        self.folder, self.conditions = folder, Conditions.load(folder)
+        self.measures = self.conditions.measures
+        tables = sorted({*folder.glob("episodes.csv"), *folder.glob("episodes-*.csv")})
+        rows = (row for path in tables for row in read_table(path, columns_of(self.measures)))
+        self._rows: Mapping[Key, Row] = {Key.of(row): row for row in rows}
+
+    def rows(self) -> list[Row]:
+        return [row for row in self._rows.values() if row["slam"] in self.conditions.slam]
+
+    def slam_axis_rows(self) -> list[Row]:
+        return [row for row in self._rows.values() if row["slam"] not in self.conditions.slam]
+
+    def missing(self) -> list[Result]:
+        """Return the failed episodes."""
+        columns = {**Key.__annotations__, "reason": str}
+        failures = [row for path in sorted(self.folder.glob("failures*.csv")) for row in read_table(path, columns)]
+        reasons = {Key.of(row): row["reason"] for row in failures}
+        return [Result(key, reason=reason) for key, reason in reasons.items() if key not in self._rows]
+
+
+def describe(env: LidarEnv, people: str, estimator: str) -> dict[str, str]:
+    """Return the conditions of an environment by name; `people` and `estimator` are their displayed names."""
+    robot, crowd = env.robot_params, env.simulator.crowd.params
+    facts = {"Task": plain(env.task, skipped=("world", "slam", "localizer")), "Success": env.task.success_condition}
+    facts["Control"] = f"{1.0 / env.control_period:g} Hz, one scan per control period"
+    facts |= describe_robot(robot)
+    if crowd is not None:
+        facts[f"People ({people})"] = plain(crowd)
+    if parameters := plain(getattr(env.robots[0].estimator, "params", None)):
+        facts[f"Estimator {estimator}"] = parameters
+    return facts
+
+
+def describe_robot(robot: RobotParams) -> dict[str, str]:
+    lidar, drive, odometry, imu = robot.lidar, robot.drive, robot.odometry, robot.imu
+    error = 100.0 * (odometry.wheel_radius / drive.wheel_radius - 1.0), 100.0 * (odometry.track / drive.track - 1.0)
+    gyroscope = f"gyroscope, noise {imu.gyro_std:g} rad/s, bias {imu.gyro_bias_std:g} rad/s"
+    return {
+        f"Robot {robot.name}": f"radius {robot.radius:g} m, at most {robot.max_v:g} m/s and {robot.max_w:g} rad/s",
+        f"Lidar of {robot.name}": f"{lidar.num_beams} beams over {math.degrees(lidar.fov):.0f} degrees, "
+        f"{lidar.range_min:g} to {lidar.range_max:g} m, noise {lidar.noise_std:g} m, dropout {lidar.dropout:g}",
+        f"Odometry of {robot.name}": f"distances {error[0]:+.1f} %, track {error[1]:+.1f} %, wheel slip "
+        f"{drive.slip_std:g} m per root metre, turns by {gyroscope if odometry.uses_gyro else 'wheels'}",
+    }
+
+
+def arguments_text(arguments: Mapping[str, Any]) -> str:
+    """Return environment arguments as text: observations by the names of their parts."""
+    shown = {name: list(value) if name == "observations" else value for name, value in arguments.items()}
+    texts = {
+        name: ", ".join(map(str, value)) if isinstance(value, list) else str(value) for name, value in shown.items()
+    }
+    return "; ".join(f"{name} {text}" for name, text in texts.items())
+
+
+def plain(record: Any, skipped: Sequence[str] = ()) -> str:
+    """Return the fields of a dataclass that hold plain values, as text."""
+    if not is_dataclass(record):
+        return ""
+    values = {each.name: getattr(record, each.name) for each in fields(record) if each.name not in skipped}
+    texts = {name: plain_text(value) for name, value in values.items()}
+    return ", ".join(f"{name} {text}" for name, text in texts.items() if text)
+
+
+def plain_text(value: Any) -> str:
+    """Return a number, name or range as text; empty for other values."""
+    if type(value) is tuple:
+        texts = [plain_text(one) for one in value]
+        return " to ".join(texts) if all(texts) else ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value) if isinstance(value, str | int) else ""
