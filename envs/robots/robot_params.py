@@ -1,11 +1,15 @@
 """Robot parameters as Pydantic dataclasses."""
 
 import math
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
+from pydantic_core import ArgsKwargs
+
+from lidarnaut.envs.files.field_help import Record, document_fields
 
 MAX_NUMBER = 1e9
 """Default upper limit of numeric robot parameters, in SI units."""
@@ -27,7 +31,7 @@ CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
-class Mount:
+class Mount(metaclass=Record):
     """Sensor pose in the robot's base frame, with origin on the ground below the midpoint of the wheel axle."""
 
     x: Coordinate = 0.0
@@ -49,7 +53,7 @@ class Mount:
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
-class LidarParams:
+class LidarParams(metaclass=Record):
     """Parameters of a 2D lidar."""
 
     num_beams: Annotated[int, Field(ge=1, le=MAX_BEAMS)]
@@ -67,12 +71,21 @@ class LidarParams:
     dropout: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     """Probability that a beam returns no measurement."""
     mount: Mount = Mount()
+    """Pose of the lidar in the base frame."""
     scan_time: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     """Time of a full turn of the simulated lidar, whose beams are measured one after the other, counter-clockwise [s].
     Scans are deskewed by odometry, and end at the end of the control period; 0 for all beams at once."""
     no_return: NoReturn = "inf"
     """Meaning of ranges of 0.0 in logs and messages of the real lidar: `zero` for no return, as the LDS-01 reports it;
     `inf` for an invalid beam, if no return is inf or above `range_max` (REP 117)."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_rate(cls, given: Any) -> Any:
+        keys = given.kwargs if isinstance(given, ArgsKwargs) else given
+        if isinstance(keys, Mapping) and "rate" in keys:
+            raise ValueError("there is no key 'rate': a lidar scans once per control period, see control_hz")
+        return given
 
     def __post_init__(self) -> None:
         if self.range_min >= self.range_max:
@@ -106,7 +119,7 @@ class LidarParams:
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
-class DriveParams:
+class DriveParams(metaclass=Record):
     """True parameters of the drive. The controller may assume other values, see `OdometryParams`."""
 
     wheel_radius: Positive
@@ -122,7 +135,8 @@ class DriveParams:
     max_torque: Positive = 1.0
     """Maximum torque of a wheel motor [N m]."""
     slip_std: NotNegative = 0.0
-    """Standard deviation of wheel slip after 1 m of rolling [m]. Slip grows with the square root of the distance."""
+    """Standard deviation of wheel slip after 1 m of rolling [m]. In a control period, a wheel that rolls a distance d
+    moves by `slip_std * sqrt(d / (1 m)) * n` more, with a standard normal number n; encoders do not measure slip."""
 
     def __post_init__(self) -> None:
         if self.wheel_width >= self.track:
@@ -130,7 +144,7 @@ class DriveParams:
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
-class OdometryNoise:
+class OdometryNoise(metaclass=Record):
     """Odometry noise model for SLAM: standard deviations of the pose error between two processed scans.
 
     After Thrun, Burgard and Fox, Probabilistic Robotics (2005), section 5.4: `position_std + position_per_metre *
@@ -152,7 +166,7 @@ class OdometryNoise:
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
-class OdometryParams:
+class OdometryParams(metaclass=Record):
     """Drive parameters that the robot's controller assumes. Deviations from the true values bias odometry."""
 
     wheel_radius: Positive
@@ -178,7 +192,7 @@ class OdometryParams:
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
-class Caster:
+class Caster(metaclass=Record):
     """Frictionless caster ball under the body, on or just above the ground."""
 
     x: Coordinate
@@ -192,7 +206,7 @@ class Caster:
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
-class BodyParams:
+class BodyParams(metaclass=Record):
     """Rigid body of the robot: a box, or an upright cylinder if `radius` is given."""
 
     mass: Positive
@@ -217,11 +231,11 @@ class BodyParams:
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
-class ImuParams:
+class ImuParams(metaclass=Record):
     """Parameters of gyroscope and compass."""
 
     gyro_std: NotNegative = 0.0
-    """Standard deviation of the gyroscope noise [rad/s]."""
+    """Standard deviation of the gyroscope noise, independent in each control period [rad/s]."""
     gyro_bias_std: NotNegative = 0.0
     """Standard deviation of the gyroscope bias, which is constant during an episode [rad/s]."""
     has_compass: bool = False
@@ -240,7 +254,7 @@ class ImuParams:
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
-class BatteryParams:
+class BatteryParams(metaclass=Record):
     """Parameters of the battery, for docking tasks; the defaults are those of a Tugbot."""
 
     capacity: Positive = 29.5
@@ -254,7 +268,7 @@ class BatteryParams:
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
-class RobotParams:
+class RobotParams(metaclass=Record):
     """Parameters of a differential-drive robot."""
 
     name: str
@@ -274,9 +288,17 @@ class RobotParams:
     odometry: OdometryParams
     """Drive parameters assumed by the controller."""
     body: BodyParams
+    """Rigid body: a box, or an upright cylinder."""
     lidar: LidarParams
+    """2D lidar, which scans once per control period."""
     casters: tuple[Caster, ...] = ()
+    """Caster balls under the body."""
     imu: ImuParams = ImuParams()
+    """Gyroscope and compass."""
     battery: BatteryParams = BatteryParams()
+    """Battery, for docking tasks."""
     source: str = ""
     """Sources of the parameter values."""
+
+
+document_fields(__name__)

@@ -37,6 +37,7 @@ def test_a_robot_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch)
     [
         ("drive.trak", 0.2, r"unknown key 'drive\.trak' \(did you mean 'track'\?\); allowed are wheel_radius"),
         ("wheels", {}, "unknown key 'wheels'"),
+        ("lidar.rate", 12, "lidar: there is no key 'rate': a lidar scans once per control period, see control_hz"),
         ("max_v", -0.2, "max_v: Input should be greater than 0, got -0.2"),
         ("max_w", "fast", "max_w: .*number"),
         ("drive.track", float("nan"), r"drive\.track: .*finite"),

@@ -8,6 +8,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from lidarnaut.envs.files import parse_record, resolve, split_parameters
+from lidarnaut.envs.files.field_help import Record, document_fields
 from lidarnaut.envs.robots.robot_params import CONFIG
 
 from .orca import Orca
@@ -19,7 +20,7 @@ Speed = Annotated[float, Field(ge=0.05, le=5.0)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
-class Crowd:
+class Crowd(metaclass=Record):
     """Parameters of a pedestrian crowd. A pair (low, high) is the range of a uniform distribution."""
 
     number: Number | tuple[Number, Number] = 10
@@ -82,3 +83,6 @@ def crowd_of(people: PeopleLike) -> Crowd | None:
     base = asdict(people if isinstance(people, Crowd) else Crowd())
     changes |= {} if isinstance(people, Crowd) else {"number": people}
     return parse_record(base | changes, "people", Crowd)
+
+
+document_fields(__name__)
