@@ -83,4 +83,4 @@ $(DOCS_INSTALLED): $(INSTALLED)
 	touch $@
 
 clean:
-	rm -rf .venv .venv-* build dist *.egg-info docs/reference/environments docs/start/examples docs/reference/gallery
+	rm -rf .venv .venv-* build dist *.egg-info docs/reference/gallery

@@ -58,18 +58,8 @@ WORLDS = {
 """World and difficulty of environments that set a world, by id without namespace and version."""
 NUM_SAMPLES = 12
 """Number of sampled worlds of a family, for the range of its area."""
-SECTION = "## {title}\n\n::::{{grid}} 1 2 2 3\n:gutter: 2\n\n{cards}\n\n::::"
-CARD = """\
-:::{{grid-item-card}} `{id}`
-:link: {name}
-:link-type: doc
-:img-top: ../../{picture}
-:img-alt: {id}
-
-{summary}
-
-{arguments}
-:::"""
+SECTION = "## {title}\n\n| film | environment |\n|---|---|\n{rows}"
+ROW = "| ![{id}](../../{picture}) | [`{id}`]({name}.md)<br>{summary}<br>{arguments} |"
 PAGE = """\
 # {title}
 
@@ -102,11 +92,11 @@ def pages(source: Path) -> dict[str, str]:
         if spec.namespace == "lidarnaut":
             groups.setdefault(spec.kwargs.get("task", str(spec.entry_point)), []).append(spec)
     names = {entry_point: _slug(specs[0]).rpartition("-")[0] for entry_point, specs in groups.items()}
-    cards: dict[str, list[str]] = {title: [] for title in SECTIONS.values()}
+    rows: dict[str, list[str]] = {title: [] for title in SECTIONS.values()}
     for entry_point, specs in groups.items():
         title = next(title for pattern, title in SECTIONS.items() if re.match(pattern, names[entry_point]))
-        cards[title] += [_card(spec, entry_point, names[entry_point]) for spec in specs]
-    sections = [SECTION.format(title=title, cards="\n\n".join(texts)) for title, texts in cards.items()]
+        rows[title] += [_row(spec, entry_point, names[entry_point]) for spec in specs]
+    sections = [SECTION.format(title=title, rows="\n".join(texts)) for title, texts in rows.items()]
     arguments = _docstring(LIDAR_ENV)[1].partition("## Arguments")[2]
     index = INDEX.format(arguments=arguments, sections="\n\n".join(sections), names="\n".join(names.values()))
     found = {
@@ -133,12 +123,12 @@ def terms(task: type) -> dict[str, list[str]]:
     return {name: rest for name, rest in found.items() if name in task.weights or not task.is_team}
 
 
-def _card(spec: EnvSpec, entry_point: str, page: str) -> str:
-    """Return a card of the gallery: film, task or world, and arguments of an id."""
+def _row(spec: EnvSpec, entry_point: str, page: str) -> str:
+    """Return a row of the gallery: film, task or world, and arguments of an id."""
     default = getattr(load_env_creator(entry_point), "world", None)
     name = _name(spec)
     area = _area(spec.kwargs.get("world")) if name.startswith("Explore") else ""
-    return CARD.format(
+    return ROW.format(
         id=spec.id,
         name=page,
         picture=PICTURES / f"{_slug(spec)}.webp",

@@ -1,105 +1,42 @@
-"""Generate pages during the build of the site: environments, galleries of worlds and robots, examples, an episode.
+"""Generate pages during the build of the site: parts of pages, galleries of worlds and robots, an episode.
 
-Sources are the registry, docstrings, libraries and examples, so that pages agree with the code. Output folders are
-`docs/reference/environments/`, `docs/reference/gallery/` and `docs/start/examples/`, which git ignores, and the site.
+The galleries are in `docs/reference/gallery/`, which git ignores. Other generated text is committed: see `page_parts`.
 """
 
-import ast
-import contextlib
-import importlib
 import inspect
-import io
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
-import environment_pages
 import gallery
 import gymnasium
-import numpy as np
-import robot_keys
+import page_parts
 from sphinx.application import Sphinx
 
 from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.player import EpisodeRecorder, build_page
-from lidarnaut.envs.worlds import load_world
 
 INCLUDED = {"CONTRIBUTING.md": "reference/contributing.md", "CHANGELOG.md": "reference/changelog.md"}
 PRETRAINED = "frontiers", "twist", "crowd", "reach"
 INCLUDED |= {f"agents/pretrained/{name}/README.md": "guides/pretrained.md" for name in PRETRAINED}
 """Markdown files outside docs, and the pages that include them."""
 
-PRINTED = ("map", "robot", "sensor", "reward", "observation", "slam", "explorer", "task")
-"""Examples `own_NAME.py` whose output is shown on pages; they take seconds."""
 EPISODE = "episode.html"
 """Page of an episode, relative to the site."""
-EXAMPLES = """\
-# Examples
-
-Each example is a file in `examples/`. Run it with `.venv/bin/python examples/NAME.py`; `--help` lists its arguments.
-Tests run all examples with small budgets.
-"""
-EXAMPLE = """
-## `{name}`
-
-{text}
-
-:::{{dropdown}} Source
-```{{literalinclude}} ../../../examples/{name}
-:language: python
-```
-:::
-"""
 
 
 _written: list[str] = []
 """Last docstring converted by `to_rst`."""
 
 
-def example_page(folder: Path) -> str:
-    """Return the page of the examples in a folder: docstring and source of each."""
-    docstrings = {path.name: ast.get_docstring(ast.parse(path.read_text())) for path in sorted(folder.glob("*.py"))}
-    names = sorted(docstrings, key=lambda name: name != "quick_start.py")
-    return EXAMPLES + "".join(EXAMPLE.format(name=name, text=docstrings[name]) for name in names)
-
-
-def run_examples(folder: Path, out: Path) -> None:
-    """Write the output of the examples in `PRINTED`, and pictures and tables for the pages about them."""
-    sys.path.insert(0, str(folder))
-    for name in (f"own_{part}" for part in PRINTED):
-        with contextlib.redirect_stdout(io.StringIO()) as printed:
-            importlib.import_module(name).main()
-        (out / f"{name}.txt").write_text(printed.getvalue(), encoding="utf-8")
-    world = sys.modules["own_map"].draw_world(np.random.default_rng(0))
-    gallery.draw_world(world).savefig(out / "own_map.png", dpi=gallery.DPI)
-    page = (out.parents[1] / "guides/world_files.md").read_text()
-    (text,) = re.findall(r"^```yaml\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
-    (file := out / "world_file.yaml").write_text(text, encoding="utf-8")
-    gallery.draw_world(load_world(str(file))).savefig(out / "world_file.png", dpi=gallery.DPI)
-    (out / "robot_keys.txt").write_text(robot_keys.tables(), encoding="utf-8")
-    (out / "quantities.txt").write_text(environment_pages.quantities(), encoding="utf-8")
-    gallery.draw_robot(sys.modules["own_robot"].ROBOT).savefig(out / "own_robot.png", dpi=gallery.DPI)
-    sys.path.remove(str(folder))
-
-
 def write_pages(app: Sphinx) -> None:
-    """Write all generated pages below the source folder; unchanged pages keep their modification time."""
-    source = Path(app.srcdir)
-    for folder, pages in (
-        (source / "reference/environments", environment_pages.pages(source)),
-        (source / "reference/gallery", gallery.pages(source / "reference/gallery")),
-        (source / "start/examples", {"index.md": example_page(source.parent / "examples")}),
-    ):
-        folder.mkdir(exist_ok=True)
-        for stale in set(folder.glob("*.md")) - {folder / name for name in pages}:
-            stale.unlink()
-        for name, text in pages.items():
-            path = folder / name
-            if not path.exists() or path.read_text(encoding="utf-8") != text:
-                path.write_text(text, encoding="utf-8")
-    run_examples(source.parent / "examples", source / "start/examples")
+    """Write the generated parts of pages, and the galleries; unchanged pages keep their modification time."""
+    page_parts.write_pages()
+    folder = Path(app.srcdir) / "reference/gallery"
+    for name, text in gallery.pages(folder).items():
+        if not (path := folder / name).exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
 
 
 def record_episode(app: Sphinx) -> None:

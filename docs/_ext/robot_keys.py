@@ -5,7 +5,6 @@ import re
 from typing import Any
 
 from pydantic import TypeAdapter
-from sphinx.pycode import ModuleAnalyzer
 
 from lidarnaut.envs.robots import RobotParams, robot_params
 
@@ -25,26 +24,22 @@ NAMES = {"number": "number", "integer": "integer", "boolean": "`true` or `false`
 def tables() -> str:
     """Return a table for each mapping of a robot file, outermost first."""
     schema = TypeAdapter(RobotParams).json_schema()
-    docstrings = ModuleAnalyzer.for_module(robot_params.__name__).find_attr_docs()
-    text = "\n".join(_tables(schema, "", schema["$defs"], docstrings))
+    text = "\n".join(_tables(schema, "", schema["$defs"]))
     for name, field in schema["properties"].items():
         text = text.replace(f"`{_record_of(field)}`", f"`{name}`")  # the name in a file
     return text
 
 
-def _tables(
-    record: dict[str, Any], path: str, records: dict[str, Any], docstrings: dict[tuple[str, str], list[str]]
-) -> list[str]:
-    rows, inner = [], []
+def _tables(record: dict[str, Any], path: str, records: dict[str, Any]) -> list[str]:
+    rows, inner, texts = [], [], vars(robot_params)[record["title"]].__slots__
     for key, field in record["properties"].items():
-        text = " ".join(docstrings.get((record["title"], key), ()))
+        text = " ".join(texts[key].split())
         if nested := records.get(_record_of(field)):
-            inner += _tables(nested, f"{path}{key}{'[]' * ('items' in field)}.", records, docstrings)
-            text = text or nested["description"].split("\n")[0]
+            inner += _tables(nested, f"{path}{key}{'[]' * ('items' in field)}.", records)
         found = re.search(r" ?\[([^\]]+)\]", text)
         unit, meaning = (found[1].replace("s2", "s²"), text.replace(found[0], "", 1)) if found else ("", text)
         default = "**required**" if key in record.get("required", ()) else _default(field["default"])
-        rows.append(f"| `{key}` | {_type(field)} | {unit} | {default} | {' '.join(meaning.split())} |")
+        rows.append(f"| `{key}` | {_type(field)} | {unit} | {default} | {meaning} |")
     heading = f"### {'Each of ' * path.endswith('[].')}`{path.rstrip('.[]')}`\n\n" if path else ""
     about = " ".join(record["description"].partition("\n\n")[0].split())
     return [TABLE.format(heading=heading, about=about, rows="\n".join(rows)), *inner]

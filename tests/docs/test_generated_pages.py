@@ -12,6 +12,9 @@ from lidarnaut.envs.task import SHARED_QUANTITIES, Rewards
 from lidarnaut.envs.worlds import BARN_NAMES
 
 DOCS = Path(__file__).parents[2] / "docs"
+GENERATED = "<!-- generated: "
+PAGES = [path for path in sorted(DOCS.rglob("*.md")) if GENERATED in path.read_text(encoding="utf-8")]
+REWRITE = "python docs/_ext/page_parts.py writes these parts anew"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -29,8 +32,8 @@ def pages(environment_pages):
 def test_environments_have_a_page_with_picture_spaces_and_docstring(pages):
     for spec in gymnasium.registry.values():
         if spec.namespace == "lidarnaut":
-            card = rf":link: (\w+)\n.*\n:img-top: \.\./\.\./(\S+)\n:img-alt: {spec.id}\n"
-            ((name, film),) = re.findall(card, pages["index.md"])
+            row = rf"^\| !\[{spec.id}\]\(\.\./\.\./(\S+)\) \| \[`{spec.id}`\]\((\w+)\.md\)<br>"
+            ((film, name),) = re.findall(row, pages["index.md"], re.MULTILINE)
             assert f"`{spec.id}`" in pages[f"{name}.md"] or f'make("{spec.id}"' in pages[f"{name}.md"]
             assert (DOCS / film).stat().st_size < 500_000
     for name in set(pages) - {"index.md"}:
@@ -38,7 +41,7 @@ def test_environments_have_a_page_with_picture_spaces_and_docstring(pages):
         assert (DOCS / picture).stat().st_size < 500_000, name
         for part in ("**action space**", "**observation space**", "## Rewards", "## Episode End", "## Arguments"):
             assert part in pages[name], (name, part)
-    texts = re.findall(r":img-alt: (lidarnaut/Explore\w*-v0)\n\n(.*)\n", pages["index.md"])
+    texts = re.findall(r"\[`(lidarnaut/Explore\w*-v0)`\]\(\w+\.md\)<br>(.*?)<br>", pages["index.md"])
     assert len(texts) >= 8
     assert len({text for _, text in texts}) == len(texts)
     assert len([text for _, text in texts if re.search(r"Free area: \d+( to \d+)?\sm²\.", text)]) == 7
@@ -71,7 +74,6 @@ def test_help_lists_the_shared_quantities_and_the_fields_of_candidates():
 
 
 def test_all_keys_of_robot_files_have_type_and_meaning():
-    pytest.importorskip("sphinx")  # comes with `make docs`
     import robot_keys
 
     tables = robot_keys.tables()
@@ -98,9 +100,50 @@ def test_the_gallery_shows_worlds_with_sizes_and_sources_and_robots(tmp_path, mo
     assert "8.0 m x 6.8 m; free area 19.7 m² and 13.1 m²; licence: Apache-2.0" in pages["worlds.md"]
 
 
-def test_the_page_of_examples_shows_all_of_them():
-    pytest.importorskip("sphinx")  # comes with `make docs`
-    import generated_pages
+def test_committed_pages_of_environments_are_those_of_the_code(pages):
+    found = {path.name: path.read_text(encoding="utf-8") for path in (DOCS / "reference/environments").glob("*.md")}
+    assert found == pages, REWRITE
 
-    page = generated_pages.example_page(DOCS.parent / "examples")
-    assert page.count("{literalinclude}") == len(list(DOCS.parent.glob("examples/*.py")))
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_generated_parts_of_pages_are_those_of_the_code(page, environment_pages):
+    import page_parts
+
+    text = page.read_text(encoding="utf-8")
+    assert text.count(GENERATED) == len(page_parts.PART.findall(text))
+    assert page_parts.filled(text, without=("printed",)) == text, REWRITE
+
+
+def test_pages_show_what_their_examples_print(environment_pages):
+    import page_parts
+
+    pages = [path.read_text(encoding="utf-8") for path in sorted(DOCS.glob("guides/customize/*.md"))]
+    printed = [text for text in pages if "<!-- generated: printed" in text]
+    assert len(printed) == 8
+    for text in printed:
+        assert page_parts.filled(text) == text, REWRITE
+
+
+def test_a_changed_part_would_be_found(environment_pages):
+    import page_parts
+
+    text = "a\n<!-- generated: source examples/own_robot.py -->\n\nold\n\n<!-- end -->\nb\n"
+    filled = page_parts.filled(text)
+    assert filled.startswith("a\n<!-- generated: source examples/own_robot.py -->\n\n```python\n")
+    assert filled.endswith("\n```\n\n<!-- end -->\nb\n")
+    assert page_parts.filled(filled) == filled
+
+
+def test_the_table_of_pretrained_policies_says_where_each_can_run(environment_pages):
+    import page_parts
+
+    rows = {line.split(" | ")[0]: line.strip("| ").split(" | ")[1:] for line in page_parts.policies().splitlines()}
+    assert rows["| `Navigate-v0`"] == ["no", "no", "no", "yes", "no"]
+    assert next(cells for ids, cells in rows.items() if "`ReachCrowd-v0`" in ids) == [
+        "no",
+        "no",
+        "no",
+        "trained",
+        "trained",
+    ]
+    assert next(cells for ids, cells in rows.items() if "`Explore-v0`" in ids) == ["yes", "yes", "trained", "no", "no"]
