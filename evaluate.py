@@ -59,7 +59,7 @@ class Command:
     reference: str = ""
     """Policy that the report compares the others with; by default `nearest`, `pursuit` or another classic one."""
     publish: Path | None = None
-    """Folder of Markdown pages, such as `docs/results`, in which to write the leaderboard as `arena.md` and `arena/`."""
+    """Folder of Markdown pages, such as `docs/results`, for the leaderboard as `arena.md` and `arena/`."""
     verbose: Annotated[bool, tyro.conf.arg(aliases=["-v"])] = False
     """Log the progress of each episode every 10 s: explored share, goal, number of blacklisted goals."""
 

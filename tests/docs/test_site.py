@@ -132,7 +132,7 @@ def test_the_sidebar_unfolds_the_section_of_the_open_page_beside_text_and_conten
     assert pages["reference/environments/reachgoal.html"]["open"] == ["Reference"]
     assert pages["guides/customize/robot.html"]["open"] == ["Guides"]
     for name, page in pages.items():
-        assert page["sections"] >= 7, name
+        assert page["sections"] >= 6, name
         assert len(page["open"]) == 1, name
         assert page["links"] < 25, name
         assert page["isContentsInView"] or not page["hasContents"], name
