@@ -18,10 +18,7 @@ from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.player import EpisodeRecorder, build_page
 
 INCLUDED = {"CONTRIBUTING.md": "reference/contributing.md", "CHANGELOG.md": "reference/changelog.md"}
-PRETRAINED = "frontiers", "twist", "crowd", "reach"
-INCLUDED |= {f"agents/pretrained/{name}/README.md": "guides/pretrained.md" for name in PRETRAINED}
 """Markdown files outside docs, and the pages that include them."""
-
 EPISODE = "episode.html"
 """Page of an episode, relative to the site."""
 

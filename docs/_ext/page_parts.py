@@ -5,7 +5,6 @@ A part stands between the lines `<!-- generated: KIND NAME -->` and `<!-- end --
 
 import ast
 import contextlib
-import dataclasses
 import importlib
 import io
 import re
@@ -18,7 +17,6 @@ import gallery
 import gymnasium
 import numpy as np
 import robot_keys
-import yaml
 
 from lidarnaut.agents.frontiers.score import PRETRAINED
 from lidarnaut.agents.learned import load_policy
@@ -26,9 +24,9 @@ from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines.adoption import needed_arguments
 from lidarnaut.baselines.policy import ObservationPolicy
 from lidarnaut.envs import ENVIRONMENTS
-from lidarnaut.envs.localization import PRESETS
+from lidarnaut.envs.localization import PRESETS, AmclParams
 from lidarnaut.envs.simulation import Crowd
-from lidarnaut.envs.worlds.world_file import WorldFile, build_world
+from lidarnaut.envs.worlds import load_world
 
 DOCS = Path(__file__).parents[1]
 EXAMPLES = DOCS.parent / "examples"
@@ -67,46 +65,47 @@ def card(name: str) -> str:
 
 def policies() -> str:
     """Return a table of the tasks that each pretrained policy can do, by the observations in its record."""
-    groups: dict[str, list[str]] = {}
+    ids: dict[str, list[str]] = {}
     for id, (entry_point, arguments) in ENVIRONMENTS.items():
-        groups.setdefault(arguments.get("task", entry_point), []).append(id)
+        ids.setdefault(arguments.get("task", entry_point), []).append(id)
     loaded = [load_policy(f"pretrained/{name}") for name in POLICIES]
-    rows = [f"| ids | `{'` | `'.join(POLICIES)}` |", "|---" * (1 + len(POLICIES)) + "|"]
-    for ids in groups.values():
-        names = ", ".join(f"`{id.partition('/')[2]}`" for id in ids)
-        rows.append(f"| {names} | {' | '.join(suitability(policy, ids) for policy in loaded)} |")
-    return "\n".join(rows)
+    rows = [
+        [", ".join(f"`{id.partition('/')[2]}`" for id in group), *(suits(one, group) for one in loaded)]
+        for group in ids.values()
+    ]
+    return _table(["ids", *(f"`{name}`" for name in POLICIES)], rows)
 
 
-def suitability(policy: Any, ids: list[str]) -> str:
+def suits(policy: Any, ids: list[str]) -> str:
     """Return whether a policy was trained for a task, or gets its observations there; explorers only explore."""
     trained = policy.id if isinstance(policy, ObservationPolicy) else EXPLORE
-    if trained.startswith(EXPLORE) != ids[0].startswith(EXPLORE):
-        return "no"
-    for id in ids if trained != EXPLORE else ():
+    is_possible = trained.startswith(EXPLORE) == ids[0].startswith(EXPLORE)
+    for id in ids if is_possible and trained != EXPLORE else ():
         try:
             env = gymnasium.make(id, physics="kinematic", disable_env_checker=True, **needed_arguments(policy))
             policy(env.observation_space.sample())
         except (ValueError, CheckpointError):  # another part, or another shape
-            return "no"
-    return "trained" if trained in ids else "yes"
+            is_possible = False
+    return "trained" if trained in ids else "yes" if is_possible else "no"
 
 
 def amcl_presets() -> str:
     """Return a table of the parameters in which the presets of AMCL differ."""
-    values = zip(*(dataclasses.asdict(preset).items() for preset in PRESETS.values()))
-    rows = [(pairs[0][0], *(value for _, value in pairs)) for pairs in values if len({value for _, value in pairs}) > 1]
-    head = [f"| parameter | `{'` | `'.join(PRESETS)}` |", "|---" * (1 + len(PRESETS)) + "|"]
-    return "\n".join([*head, *(f"| `{name}` | {' | '.join(map(str, found))} |" for name, *found in rows)])
+    rows = [[name, *(getattr(one, name) for one in PRESETS.values())] for name in AmclParams.__dataclass_fields__]
+    return _table(["parameter", *PRESETS], [[f"`{name}`", *values] for name, *values in rows if len(set(values)) > 1])
 
 
 def crowd() -> str:
     """Return a table of the parameters of a crowd."""
-    shown: dict[str, Any] = {name: getattr(Crowd(), name) for name in Crowd.__slots__}
+    values = {name: getattr(Crowd(), name) for name in Crowd.__slots__}
     for name in ("forces", "orca"):
-        shown[name] = ", ".join(f"`{key}` {value}" for key, value in shown[name]._asdict().items())
-    rows = [f"| `{name}` | {shown[name]} | {' '.join(text.split())} |" for name, text in Crowd.__slots__.items()]
-    return "\n".join(["| parameter | default | meaning |", "|---|---|---|", *rows])
+        values[name] = ", ".join(f"`{key}` {value}" for key, value in values[name]._asdict().items())
+    rows = [[f"`{name}`", values[name], " ".join(text.split())] for name, text in Crowd.__slots__.items()]
+    return _table(["parameter", "default", "meaning"], rows)
+
+
+def _table(head: list[str], rows: list[list[Any]]) -> str:
+    return "\n".join(f"| {' | '.join(map(str, row))} |" for row in (head, ["---"] * len(head), *rows))
 
 
 def _load(example: str) -> Any:
@@ -149,14 +148,10 @@ def write_pages() -> None:
 
 
 def draw_pictures() -> None:
-    """Draw the world and the robot of the examples, and the world of the page about world files."""
-    page = (DOCS / "guides/world_files.md").read_text(encoding="utf-8")
-    (written,) = re.findall(r"^```yaml\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
-    figures = {
-        "own_map": gallery.draw_world(_load("own_map").draw_world(np.random.default_rng(0))),
-        "own_robot": gallery.draw_robot(_load("own_robot").ROBOT),
-        "world_file": gallery.draw_world(build_world("world_file", WorldFile.model_validate(yaml.safe_load(written)))),
-    }
+    """Draw the worlds and the robot of the examples."""
+    world, robot = _load("own_map").draw_world(np.random.default_rng(0)), _load("own_robot").ROBOT
+    figures = {"own_map": gallery.draw_world(world), "own_robot": gallery.draw_robot(robot)}
+    figures["workshop"] = gallery.draw_world(load_world(EXAMPLES / "workshop.yaml"))
     for name, figure in figures.items():
         figure.savefig(DOCS / f"images/{name}.png", dpi=gallery.DPI)
 
