@@ -17,8 +17,6 @@ from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.player import EpisodeRecorder, build_page
 
-INCLUDED = {"CONTRIBUTING.md": "reference/contributing.md", "CHANGELOG.md": "reference/changelog.md"}
-"""Markdown files outside docs, and the pages that include them."""
 EPISODE = "episode.html"
 """Page of an episode, relative to the site."""
 
@@ -50,13 +48,6 @@ def record_episode(app: Sphinx) -> None:
     (app.outdir / EPISODE).write_text(page, encoding="utf-8")
 
 
-def link_within(app: Sphinx, name: str, source: list[str]) -> None:
-    """Redirect links to files outside docs to the pages that include them."""
-    for path, page in INCLUDED.items():
-        up = "../" * (name.count("/") + 1)
-        source[0] = source[0].replace(f"]({up}{path}", f"](/{page}")
-
-
 def to_rst(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Convert Markdown in docstrings to reStructuredText.
 
@@ -83,5 +74,4 @@ def setup(app: Sphinx) -> dict[str, Any]:
     # Before napoleon, which would split single backticks at a colon within.
     app.connect("autodoc-process-docstring", to_rst, priority=100)
     app.connect("autodoc-process-docstring", keep_attributes, priority=900)
-    app.connect("source-read", link_within)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
