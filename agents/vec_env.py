@@ -172,10 +172,12 @@ class GymnasiumVecEnv(VecEnv):
         chosen = list(self._get_indices(indices))
         if method_name == "action_masks" and self._has_masks:
             return list(self._observations["action_mask"].astype(np.bool_)[chosen])
-        if len(chosen) < self.num_envs:
+        # `HerReplayBuffer` asks the first sub-environment to compute rewards, which changes nothing.
+        if len(chosen) < self.num_envs and method_name != "compute_reward":
             raise ValueError(f"{method_name} can be called in all sub-environments, not in {chosen} alone")
         inner: Any = self.env.unwrapped
-        return list(inner.call(method_name, *args, **kwargs))
+        results = list(inner.call(method_name, *args, **kwargs))
+        return [results[i] for i in chosen]
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
         return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]

@@ -32,11 +32,19 @@ from lidarnaut.envs.simulation import KinematicSimulator, Twist
 from lidarnaut.envs.simulation.records import ROW
 from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.task import total
-from lidarnaut.envs.transition import drive, pose_errors, record_positions, step_rows, store_actions, update_robots
+from lidarnaut.envs.transition import (
+    PERSONAL_SPACE,
+    drive,
+    pose_errors,
+    record_positions,
+    step_rows,
+    store_actions,
+    update_robots,
+)
 
 TIME_TOLERANCE = 1e-6
 """An episode ends if its time limit comes within this time [s]."""
-OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
+OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions", "cost"}
 """Keys of `info` that are common to all tasks."""
 MOST_POSITIONS = 256
 """Maximum number of positions buffered per robot before they are appended to recorded paths."""
@@ -193,6 +201,16 @@ def _quantities(env: Any) -> dict[str, Any]:
     if "collision" not in quantities:
         quantities["collision"] = env.control_period * sum(robot.bumper for robot in env.robots)
     return quantities
+
+
+def costs(numbers: np.ndarray, num_robots: int) -> np.ndarray:
+    """Return the cost of the last control period of environments, shape (n,), float64.
+
+    The cost is the number of robots in contact, plus the number of robots in the personal space of people.
+    """
+    each = (numbers["touched"] > 0.0) + 1.0 * (numbers["person_gap"] < PERSONAL_SPACE)
+    total_costs: np.ndarray = each.reshape(-1, num_robots).sum(axis=1)
+    return total_costs
 
 
 def extend_trail(robot: Any, truth: Any, positions: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -385,6 +403,8 @@ class Batch(Period):
                 records.note(i, {"rewards": terms}, ("rewards",))
         info: dict[str, np.ndarray] = {"time": self._times, "pose_error": pose_errors(numbers), **metrics}
         info |= {"path_length": numbers["path_length"], "collisions": numbers["collisions"]}
+        if self.envs[0].has_costs:
+            info["cost"] = costs(numbers, self._num_robots)
         for name, column in info.items():
             records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
         if not self.updates_rows:

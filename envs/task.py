@@ -82,8 +82,8 @@ class RowPart(BoxPart):
 class Rewards:
     """Reward function: sum of quantities of a step, each times the weight of the same name.
 
-    Subclasses may override `changes` and `terms`. The class of a task lists its own quantities, such as `progress`. All
-    tasks share the following, true values at the end of the step, without a weight by default:
+    Subclasses may override `changes`, `terms` and `per_step`. The class of a task lists its own quantities, such as
+    `progress`. All tasks share the following, true values at the end of the step, without a weight by default:
 
     - `forward_speed`: forward speed, negative backwards [m/s].
     - `yaw_rate`: yaw rate, counter-clockwise [rad/s].
@@ -101,6 +101,8 @@ class Rewards:
 
     changes: Mapping[str, float] = MappingProxyType({})
     """Weights by term name that replace weights of the task or add terms."""
+    per_step: Sequence[str] = ()
+    """Own terms that are amounts of a step. All others are rates per second, multiplied by the duration of the step."""
 
     def __init__(self, weights: Mapping[str, float], changes: Mapping[str, float] | None = None) -> None:
         """Create the reward function of a task with default `weights`; `changes` replaces the attribute."""
@@ -113,24 +115,33 @@ class Rewards:
         self.weights = {name: float(weight) for name, weight in chosen.items()}
         self.shared = [name for name in SHARED_QUANTITIES if name in chosen]
         """Weighted quantities that all tasks share."""
-        self.reads_shared = has_own_terms or len(self.shared) > 0
+        self.has_own_terms, self.reads_shared = has_own_terms, has_own_terms or len(self.shared) > 0
 
     @staticmethod
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":
         """Create the reward function of a task from default weights and the argument `reward`.
 
-        `reward` is None, a mapping of weights to replace, a subclass of `Rewards`, or `module:attribute` of either.
+        `reward` is None, a mapping of weights to replace, a subclass of `Rewards`, or `module:attribute` of either. The
+        key `class` of a mapping names a subclass, whose weights the others replace.
 
         Raises:
             ValueError: if a term is unknown, or a weight is not finite.
         """
-        reward = resolve(reward, {}, "reward")
-        if isinstance(reward, type) and issubclass(reward, Rewards):
-            return reward(weights)
-        changes = {} if reward is None else reward
-        if not isinstance(changes, Mapping):
+        found = {} if reward is None else resolve(reward, {}, "reward")
+        changes = dict(found) if isinstance(found, Mapping) else {"class": found}
+        kind = resolve(changes.pop("class", Rewards), {}, "reward")
+        if not (isinstance(kind, type) and issubclass(kind, Rewards)):
             raise ValueError(f"reward must map {list(weights)} to weights, or be a subclass of Rewards, got {reward!r}")
-        return Rewards(weights, changes)
+        return kind(weights, {**kind.changes, **changes}) if changes else kind(weights)
+
+    def step_terms(self, quantities: Mapping[str, Any]) -> dict[str, Any]:
+        """Return `terms`, those of the subclass (except `per_step`) multiplied by the duration of the step."""
+        if not self.has_own_terms:
+            return self.terms(quantities)
+        known, terms = {*quantities, *SHARED_QUANTITIES, *self.per_step}, self.terms(quantities)
+        own = terms if isinstance(terms, Mapping) else {}
+        rates = [name for name, term in own.items() if name not in known and is_number(term)]
+        return {**own, **{name: own[name] * quantities["time"] for name in rates}} if rates else terms
 
     def terms(self, quantities: Mapping[str, Any]) -> dict[str, Any]:
         """Return the reward terms of a step by name; raise ValueError for a weight without a quantity."""

@@ -133,7 +133,7 @@ def test_parts_rewards_and_slams_of_the_users_own_code():
         observation, reward, _, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
     assert observation["speed"][0] == pytest.approx(observation["motion"][0])
     assert observation["speed"][0] > 0.3
-    assert info["rewards"]["hurry"] == pytest.approx(-0.2)
+    assert info["rewards"]["hurry"] == pytest.approx(-0.2 * 0.2)  # a rate, times the period
     assert reward == pytest.approx(sum(info["rewards"].values()))
     assert info["pose_error"][0] == pytest.approx(info["path_length"], abs=0.02)
 
@@ -210,7 +210,10 @@ def test_actions_outside_are_refused_or_clipped():
 def test_rewards_name_what_is_wrong():
     weights = {"explored": 1.0, "time": -0.1}
     assert Rewards.of(weights, {"explored": 2.0}).weights == {"explored": 2.0, "time": -0.1}
-    for wrong in ({"fame": 1.0}, {"time": np.nan}, 5):
+    for reward in ({"class": Hurry, "time": -5.0}, {"class": f"{__name__}:Hurry", "time": -5.0}):
+        rewards = Rewards.of(weights, reward)
+        assert (type(rewards).__name__, rewards.weights) == ("Hurry", {"explored": 1.0, "time": -5.0, "hurry": -1.0})
+    for wrong in ({"fame": 1.0}, {"time": np.nan}, 5, {"class": 5}):
         with pytest.raises(ValueError, match=r"fame|time|reward must map"):
             Rewards.of(weights, wrong)
 

@@ -61,6 +61,7 @@ CHANGES = {
     "collision_monitor": (True, {}),
     "render_mode": ("rgb_array", {}),
     "fixed_info": (True, {}),
+    "cost": (True, {}),
     "num_robots": (3, {}),
     "max_candidates": (7, {}),
     "max_decision_time": (0.4, {}),

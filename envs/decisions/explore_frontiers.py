@@ -110,7 +110,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     or `"arrived_home"` if the robot is home by its estimate but truly more than 0.3 m away.
 
     ## Arguments
-    As in `Explore-v0`, without `observations` and `clip_actions`, and
+    As in `Explore-v0`, without `observations`, `clip_actions` and `cost`, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -126,7 +126,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     metadata = LidarEnv.metadata
     task_kind: type[Explore] = Explore
     """Class of the exploration task."""
-    ignores: Mapping[str, str] = dict.fromkeys(("observations", "clip_actions"), "lidarnaut/Explore-v0")
+    ignores: Mapping[str, str] = dict.fromkeys(("observations", "clip_actions", "cost"), "lidarnaut/Explore-v0")
     """Arguments that have no effect here, and are refused: the id of an environment that honours each."""
 
     def __init__(
@@ -270,6 +270,10 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def prepare(self) -> None:
         self.explore.prepare()
+
+    def set_options(self, options: Mapping[str, Any] | None) -> None:
+        """Set options of `reset` for all further episodes; see `LidarEnv.set_options`."""
+        self.explore.set_options(options)
 
     def render(self) -> np.ndarray | None:
         return self.explore.render()

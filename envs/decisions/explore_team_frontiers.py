@@ -72,7 +72,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     """
 
     task_kind = ExploreTeam
-    ignores = dict.fromkeys(("observations", "clip_actions", "collision_monitor"), "lidarnaut/ExploreTeam-v0")
+    ignores = dict.fromkeys(("observations", "clip_actions", "collision_monitor", "cost"), "lidarnaut/ExploreTeam-v0")
     ignores["return_home"] = "lidarnaut/ExploreFrontiers-v0"
 
     def __init__(self, *, num_robots: int = 2, **arguments: Any) -> None:

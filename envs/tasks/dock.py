@@ -123,7 +123,7 @@ class Dock(DockBrief, Navigate):
             raise ValueError(f"world {self._world.name!r} has no docks; {known}")
         goals = [dock.compose(Pose2D(-self.robot.radius - DOCK_GAP, 0.0, 0.0)) for dock in docks]
         distances = [math.dist(goal[:2], start[:2]) for goal in goals]
-        least = min(self.min_distance, max(distances))
+        least = min(self._min_distance, max(distances))
         far = [goal for goal, away in zip(goals, distances, strict=True) if away >= least]
         return far[rng.integers(len(far))]
 

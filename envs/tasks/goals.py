@@ -93,7 +93,7 @@ class GoalTask(GoalBrief, WorldTask):
 
     measures: ClassVar[Sequence[Measure]] = GOAL
     progress = "progress"
-    reset_options: ClassVar[tuple[str, ...]] = ("goal",)
+    reset_options: ClassVar[tuple[str, ...]] = ("goal", "min_distance")
 
     min_distance: float = 1.0
     """Minimum distance from the start to a random goal [m]."""
@@ -107,7 +107,8 @@ class GoalTask(GoalBrief, WorldTask):
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
         self._rows, self._true_pose = simulator.rows, self.starts[0]
-        goal = options.get("goal", self._goal)
+        goal, self._min_distance = options.get("goal", self._goal), options.get("min_distance", self.min_distance)
+        check_positive(min_distance=self._min_distance)
         read = self._read_goal(goal)
         if read == "random":
             return self._set_goal(self.map_pose.between(self._draw_goal(rng)))
@@ -128,7 +129,7 @@ class GoalTask(GoalBrief, WorldTask):
         return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
 
     def _draw_goal(self, rng: np.random.Generator) -> Pose2D:
-        return draw_goal(self.area, self._true_pose, rng, self.min_distance)
+        return draw_goal(self.area, self._true_pose, rng, self._min_distance)
 
     @abstractmethod
     def _measure_path(self) -> float:

@@ -200,7 +200,7 @@ class Navigate(NavigateBrief, KnownMapTask, GoalTask):
     * v0: first version
     """
 
-    reset_options = ("goal", "initial_pose")
+    reset_options = ("goal", "min_distance", "initial_pose")
     weights = {"progress": 1.0, "time": -0.02, "collision": -0.5, "reached": 10.0}
 
     def _measure_path(self) -> float:

@@ -135,6 +135,39 @@ def test_quantities_that_no_reward_reads_are_not_computed(monkeypatch):
         env.step(np.zeros(2, dtype=np.float32))
 
 
+class Own(Rewards):
+    """Own terms with and without a weight, as rates and as amounts of a step."""
+
+    changes = {"rate": -2.0, "amount": 3.0, "collision": -7.0}
+    per_step = ("amount", "other_amount")
+
+    def terms(self, quantities):
+        own = {"rate": 0.5, "amount": 0.5}
+        return super().terms({**quantities, **own}) | {"other_rate": 4.0, "other_amount": 4.0}
+
+
+@pytest.mark.parametrize("control_hz", [4.0, 10.0])
+@pytest.mark.parametrize(
+    ("id", "arguments"),
+    [("ReachGoal", {}), ("ReachGoal", {"num_envs": 2}), ("ExploreFrontiers", {}), ("ExploreTeam", {})],
+)
+def test_own_terms_are_rates_unless_they_are_amounts_of_a_step(id, arguments, control_hz):
+    """Terms of the task are the same with and without the class."""
+    outcomes = []
+    for reward in (Own, {"collision": -7.0}):
+        make = gymnasium.make_vec if arguments else gymnasium.make
+        env = make(f"lidarnaut/{id}-v0", **arguments, physics="kinematic", control_hz=control_hz, reward=reward)
+        env.reset(seed=0)
+        *_, info = env.step(np.zeros(env.action_space.shape, env.action_space.dtype)[()])
+        outcomes.append((info["rewards"], info.get("decision_time", 1.0 / control_hz), info.get("decision_steps", 1)))
+    (rewards, duration, steps), (usual, *_) = outcomes
+    expected = {"rate": -duration, "other_rate": 4.0 * duration, "amount": 1.5 * steps, "other_amount": 4.0 * steps}
+    for name, value in expected.items():
+        np.testing.assert_allclose(rewards.pop(name), value, rtol=1e-9)
+    for name in usual:
+        np.testing.assert_allclose(rewards[name], usual[name], rtol=1e-12)  # decisions may add up in another order
+
+
 def returning(terms):
     """Return a class of rewards whose terms are `terms(quantities)`."""
     return type("Mine", (Rewards,), {"terms": lambda self, quantities: terms(quantities)})
