@@ -26,6 +26,8 @@ from lidarnaut.envs.progress import Progress
 LOGGER = logging.getLogger(__name__)
 MIN_ROLLOUTS = 3
 """Number of rollouts before the first estimate of the remaining time."""
+REPORT_STEPS = 1000
+"""Minimum number of environment steps between two reports of an off-policy training, whose rollouts are short."""
 
 
 class RunCallback(BaseCallback):
@@ -50,7 +52,9 @@ class RunCallback(BaseCallback):
         """Finished rollouts with their updates; steps and time [s] at the start of the current one; steps and time [s]
         of all but the first, which compiles kernels."""
         self._evaluations, self._saved_steps = evaluations, saved_steps
-        self._has_news, self._num_ended = False, 0
+        self._has_news, self._num_ended, self._reported_steps = False, 0, 0
+        at_start, prior = self._config.evaluation.at_start, getattr(prepared.network, "prior", 0.0)
+        self._evaluates_start = prior > 0.0 if at_start is None else at_start
         self._latest: Checkpoint | None = None
 
     def save(self) -> str:
@@ -87,12 +91,15 @@ class RunCallback(BaseCallback):
             self._timed += self.num_timesteps - self._began[0], time.monotonic() - self._began[1]
         if self._num_rollouts > MIN_ROLLOUTS:
             self._bar.rate = float(self._timed[0] / self._timed[1])
+        is_off_policy = isinstance(self.model, OffPolicyAlgorithm)
+        if self._num_rollouts and self.num_timesteps - self._reported_steps >= (REPORT_STEPS if is_off_policy else 1):
+            self._report()
         every = self._config.evaluation.every
-        past = [int(row["steps"]) for row in self._evaluations]
-        is_due = not past or self.num_timesteps // every > past[-1] // every
+        before = int(self._evaluations[-1]["steps"]) if self._evaluations else -int(self._evaluates_start)
+        is_due = self.num_timesteps // every > before // every
         if is_due:
             self._evaluate()
-        if not isinstance(self.model, OffPolicyAlgorithm):
+        if not is_off_policy:
             self._latest = self._capture()
         # After one more rollout, the last checkpoint would be older than `checkpoints.every`.
         assert self._saved_steps is not None
@@ -111,15 +118,22 @@ class RunCallback(BaseCallback):
         self._bar.update(self._config.num_envs)
         if self.locals["dones"].any():
             self._has_news, self._num_ended = True, self._num_ended + int(self.locals["dones"].sum())
-            headline, (entry, label), last = self._evaluator.headline, self._evaluator.shown, self._evaluations[-1]
-            recent = [episode[entry] for episode in self.model.ep_info_buffer or () if entry in episode]
-            # The first episodes to end are those that ended early.
-            has_all = recent and self._num_ended >= len(rewards)
-            shown = [f"training {label} {100.0 * safe_mean(recent):.0f} %"] if has_all else []
-            if headline.name in last:
-                shown.append(f"validation {headline.label} {headline.text(float(last[headline.name]))} {headline.unit}")
+            headline, (entry, label) = self._evaluator.headline, self._evaluator.shown
+            recent = [episode for episode in self.model.ep_info_buffer or () if entry in episode]
+            shown = []
+            if recent and self._num_ended >= len(rewards):  # the first episodes to end are those that ended early
+                shown.append(f"episode return {safe_mean([episode['r'] for episode in recent]):.3g}")
+                shown.append(f"training {label} {100.0 * safe_mean([episode[entry] for episode in recent]):.0f} %")
+            for value in [row[headline.name] for row in self._evaluations[-1:] if headline.name in row]:
+                shown.append(f"validation {headline.label} {headline.text(float(value))} {headline.unit}")
             self._bar.set_postfix_str(", ".join(shown), refresh=False)
         return True
+
+    def _report(self) -> None:
+        """Write the values of the last update to loggers, and a line without a terminal."""
+        self._reported_steps = self.num_timesteps
+        self.logger.dump(self.num_timesteps)
+        self._bar.note()
 
     def _on_rollout_end(self) -> None:
         if self._has_news and self.model.ep_info_buffer:
@@ -129,6 +143,7 @@ class RunCallback(BaseCallback):
         self._has_news = False
 
     def _on_training_end(self) -> None:
+        self._report()
         self._evaluate()
         self._latest = self._capture()
         self.save()

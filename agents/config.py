@@ -121,6 +121,8 @@ class EvaluationConfig(Section):
 
     every: Count = 25_000
     """Number of environment steps between evaluations."""
+    at_start: bool | None = None
+    """Whether the untrained policy is evaluated; null: only a network with a `prior` above 0."""
     episodes: Side = 20
     """Number of episodes per evaluation, in validation worlds and from validation seeds."""
     test_episodes: Side | None = None
@@ -260,6 +262,8 @@ class TrainingConfig(Section):
     """Settings of evaluations during training."""
     checkpoints: CheckpointConfig = CheckpointConfig()
     """Interval and number of saved checkpoints."""
+    logger: tuple[Literal["tensorboard", "wandb", "mlflow"], ...] = ("tensorboard",)
+    """Where scalars are logged: `tensorboard` in the run folder, `wandb` (Weights & Biases), `mlflow`."""
 
     @field_validator("algorithm")
     @classmethod

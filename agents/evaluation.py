@@ -1,7 +1,10 @@
 """Evaluation of policies on test worlds during training."""
 
+import csv
+import io
 import math
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from gymnasium.vector import VectorEnv
@@ -12,10 +15,12 @@ from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
 from lidarnaut.agents.curves import LEARNED, SCORES, TEST, VALIDATION, Row
 from lidarnaut.agents.infos import infos_of
 from lidarnaut.agents.policies import make_policy
+from lidarnaut.agents.run_folder import write_table
 from lidarnaut.agents.vec_env import Observations, make_env, make_vector
 from lidarnaut.baselines.episode import decide_with, prepare, run_episode
 from lidarnaut.baselines.policy import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.files import read_bytes
 from lidarnaut.envs.measures import EpisodeHistory, HistoryRecorder, headline_of, measures_of
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.worlds.library import Split
@@ -31,6 +36,8 @@ def evaluation_environment(config: TrainingConfig) -> EnvironmentConfig:
     return config.environment.model_copy(update=changes)
 
 
+REFERENCES = "references.csv"
+"""File of a run folder with the finished test episodes of the references: policy, seed, and measures."""
 FIRST_SEED = {VALIDATION: 1_000_000, TEST: 0}
 """Seed of the first episode of each split. More than 100,000 episodes are not allowed."""
 
@@ -70,21 +77,24 @@ class Evaluator:
             histories = run_episodes(vector, act, self._max_speed, seed, bar)
         return self.summarise(marked(LEARNED, None, self._env), split, list(map(self.measure, histories)))
 
-    def references(self, names: Mapping[str, str], *, progress: bool = True) -> list[Row]:
+    def references(self, names: Mapping[str, str], run: Path, *, progress: bool = True) -> list[Row]:
         """Evaluate non-learned policies in the test episodes; return a row of the evaluation table for each.
 
-        `names`: names in the table, by name of the policy.
+        `names`: names in the table, by name of the policy. `run`: run folder, whose `REFERENCES` holds the finished
+        episodes, which are not repeated.
         """
-        seeds, rows = range(self._episodes[TEST]), list[Row]()
-        total = len(names) * len(seeds)
-        with Progress(total=total, desc="references", unit="episode", leave=False, disable=not progress) as bar:
-            for name, label in names.items():
-                values = list[dict[str, float]]()
-                for seed in seeds:
-                    values.append(self.measure(run_episode(self._env, self.make_reference(name), seed).history))
-                    bar.update()
-                rows.append({"steps": 0, **self.summarise(label, TEST, values)})
-        return rows
+        jobs = [(name, seed) for name in names for seed in range(self._episodes[TEST])]
+        done = _read_episodes(run / REFERENCES)
+        with Progress(total=len(jobs), desc="references", unit="episode", leave=False, disable=not progress) as bar:
+            for name, seed in jobs:
+                if (name, seed) not in done:
+                    history = run_episode(self._env, self.make_reference(name), seed).history
+                    done[name, seed] = self.measure(history)
+                    rows = ({"policy": one, "seed": k, **values} for (one, k), values in done.items())
+                    write_table(run / REFERENCES, [*rows])
+                bar.update()
+        episodes = {name: [done[job] for job in jobs if job[0] == name] for name in names}
+        return [{"steps": 0, **self.summarise(names[name], TEST, values)} for name, values in episodes.items()]
 
     def make_reference(self, name: str) -> Policy:
         """Return a policy by name; raise ValueError if unknown, see `lidarnaut.make_policy`."""
@@ -124,6 +134,15 @@ class Evaluator:
         name = self.headline.name
         summary |= {f"{name}_q{q}": float(np.quantile(columns[name], q / 100)) for q in (25, 75)}
         return summary | {SCORES: " ".join(f"{value:.5g}" for value in columns[name])}
+
+
+def _read_episodes(path: Path) -> dict[tuple[str, int], dict[str, float]]:
+    """Return the measures of finished episodes by policy and seed; none without a file. ValueError if damaged."""
+    rows = csv.DictReader(io.StringIO(read_bytes(path).decode() if path.exists() else "", newline=""))
+    try:
+        return {(row.pop("policy"), int(row.pop("seed"))): {key: float(row[key]) for key in row} for row in rows}
+    except (KeyError, ValueError, TypeError, csv.Error) as error:
+        raise ValueError(f"{path}: not a table of episodes; remove it to repeat them: {error}") from error
 
 
 def run_episodes(

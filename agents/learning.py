@@ -1,6 +1,7 @@
 """Training of a policy by reinforcement learning."""
 
 import contextlib
+import json
 import logging
 import multiprocessing
 from collections.abc import Iterable
@@ -8,9 +9,8 @@ from pathlib import Path
 
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from torch.utils.tensorboard import SummaryWriter
 
 from lidarnaut.agents.algorithms import Prepared, build_model, find_algorithm, num_processes, prepare, takes_vectors
 from lidarnaut.agents.callbacks import RunCallback
@@ -18,18 +18,22 @@ from lidarnaut.agents.checkpoint import Checkpoint, load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import curve_of
 from lidarnaut.agents.distributed import Alone, EndedError, Share, group_of
-from lidarnaut.agents.evaluation import Evaluator
+from lidarnaut.agents.evaluation import REFERENCES, Evaluator, evaluation_environment
+from lidarnaut.agents.loggers import LOGGERS, check_loggers
 from lidarnaut.agents.replay import ReplayFiles
 from lidarnaut.agents.resume import check_changes
 from lidarnaut.agents.run_folder import discard_after, find_checkpoint, is_measured, new_run, prepare_folder
 from lidarnaut.agents.state import check_spaces, is_finite, restore
 from lidarnaut.agents.trust import named_code
-from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_vec_env
-from lidarnaut.envs.files import Lock, own_folder
+from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_env, make_vec_env
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.files import Lock, own_folder, write_file
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.vector.workers import UNGUARDED
 
 LOGGER = logging.getLogger(__name__)
+REWARD = "reward.json"
+"""File of a run folder with class and effective weights of the reward."""
 
 
 def run_training(
@@ -48,6 +52,7 @@ def run_training(
     source = checkpoint = None
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise RuntimeError(f"a worker process imports the script that trains{UNGUARDED}")
+    check_loggers(config.logger)
     with contextlib.ExitStack() as held:
         if resume is not None:
             held.enter_context(Lock(own_folder(find_checkpoint(resume).parent.parent)))
@@ -67,12 +72,16 @@ def run_training(
         if checkpoint is None or source is None:
             run = held.enter_context(new_run(config, run))
         else:
-            check_changes(config, "training", source, checkpoint.record.config)
-            if (before := checkpoint.record.config.processes or 1) != config.processes:
-                LOGGER.info("%d processes train; before, %d did: weights will differ", config.processes, before)
+            before = checkpoint.record
+            check_changes(config, "training", source, before.config)
+            if (number := before.config.processes or 1) != config.processes:
+                LOGGER.info("%d processes train; before, %d did: weights will differ", config.processes, number)
             _restore(model, env, checkpoint, source)
             run = discard_after(source)
             prepare_folder(run, config)
+            if evaluation_environment(config).arguments != evaluation_environment(before.config).arguments:
+                (run / REFERENCES).unlink(missing_ok=True)
+        write_reward(run, config)
         replay = None
         if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
             replay = ReplayFiles(model.replay_buffer, run)
@@ -80,9 +89,9 @@ def run_training(
         share = Share(model, group)
         group.send(run)
         evaluations = curve_of(checkpoint.record.evaluations) if checkpoint else []
-        # The first evaluation of a run precedes its first checkpoint.
-        purge_step = model.num_timesteps + 1 if evaluations else None
-        model.set_logger(Logger(str(run), [_TensorBoard(run, purge_step)]))
+        purge_step = model.num_timesteps + 1 if model.num_timesteps else None
+        model.set_logger(Logger(str(run), [LOGGERS[name](run, purge_step) for name in config.logger]))
+        held.callback(model.logger.close)
         total_steps, steps = prepared.num_updates * prepared.rollout_steps, model.num_timesteps
         if steps < total_steps or not is_measured(run):
             bar = Progress(total=total_steps, initial=steps, unit="step", disable=not progress)
@@ -93,7 +102,7 @@ def run_training(
                 with bar:
                     if steps < total_steps:
                         model.learn(total_steps - steps, [share, keeper], reset_num_timesteps=False)
-                keeper.finish(evaluator.references(references, progress=progress))
+                keeper.finish(evaluator.references(references, run, progress=progress))
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(keeper.save()) from None
             except EndedError as error:
@@ -102,8 +111,16 @@ def run_training(
                 if is_finite(model):
                     raise
                 raise keeper.diverged() from None
-        model.logger.close()
     return run
+
+
+def write_reward(run: Path, config: TrainingConfig) -> None:
+    """Write class and effective weights of the reward to `reward.json` of a run folder, and log them."""
+    with contextlib.closing(make_env(config.environment, "train")) as env:
+        rewards = lidar_env_of(env).task.rewards
+    name = f"{type(rewards).__module__}:{type(rewards).__qualname__}"
+    write_file(run / REWARD, json.dumps({"class": name, "weights": rewards.weights}, indent=1) + "\n")
+    LOGGER.info("reward %s: %s", name, ", ".join(f"{term} {weight:g}" for term, weight in rewards.weights.items()))
 
 
 def follow_remotely() -> Path:
@@ -140,11 +157,3 @@ def build(config: TrainingConfig, held: contextlib.ExitStack) -> tuple[Prepared,
 def _restore(model: BaseAlgorithm, env: GymnasiumVecEnv, checkpoint: Checkpoint, source: Path) -> None:
     check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))
     restore(model, checkpoint, source)
-
-
-class _TensorBoard(TensorBoardOutputFormat):
-    """TensorBoard writer that hides events logged after the resumed checkpoint."""
-
-    def __init__(self, run: Path, purge_step: int | None) -> None:
-        self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=purge_step)
-        self._is_closed = False

@@ -16,10 +16,10 @@ from lidarnaut.agents.config import (
     merge,
 )
 from lidarnaut.envs import ENVIRONMENTS
-from lidarnaut.envs.files import explain_unknown, load_object, read_mapping
+from lidarnaut.envs.files import explain_unknown, load_object, read_mapping, resolve
 from lidarnaut.envs.ids import EXPLORE, find_spec
 
-DEPENDENT = {"world": ("world_size", "difficulty"), "robot": ("robots",), "robots": ("robot",)}
+DEPENDENT = {"world": ("world_size", "difficulty", "time_limit"), "robot": ("robots",), "robots": ("robot",)}
 """Arguments of a recipe that do not apply to another value of an argument."""
 PPO_LIKE = {"PPO", "MaskablePPO", "RecurrentPPO"}
 ON_POLICY = PPO_LIKE | {"A2C", "TRPO", "OnPolicyAlgorithm"}
@@ -68,19 +68,23 @@ def with_recipe(data: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
     if name not in RECIPES:
         raise ValueError(f"recipe: unknown recipe {explain_unknown(str(name), RECIPES)}, and null for none")
     whole = read_mapping(RECIPES[name])
+    if (reward := sections[0].get("reward")) is not None:
+        found = resolve(reward, {}, "reward")
+        own["environment"] = {**sections[0], "reward": found if isinstance(found, Mapping) else {"class": reward}}
     kept = _applicable(whole, own, fixed)
-    flat, changed = dict(_flat(kept)), [key for key, _ in _flat(own) if key not in NAMING]
-    unused = [key for key in dict(_flat(whole)) if key not in flat and key not in changed]
-    lists = {"changed by you": changed, "does not apply": unused}
-    text = f"recipe {name}: {', '.join(f'{key} {value}' for key, value in flat.items() if key not in changed)}"
+    used, changed = dict(flat(kept)), [key for key, _ in flat(own) if key not in NAMING]
+    unused = [key for key in dict(flat(whole)) if key not in used and key not in changed]
+    lists = {"changed by you": changed, "does not apply, so that defaults hold": unused}
+    text = f"recipe {name}: {', '.join(f'{key} {value}' for key, value in used.items() if key not in changed)}"
     text += "".join(f"; {title}: {', '.join(keys)}" for title, keys in lists.items() if keys)
     return {"experiment": name, **merge(kept, own), "recipe": name}, text
 
 
-def _flat(section: Mapping[str, Any], above: str = "") -> Iterable[tuple[str, Any]]:
+def flat(section: Mapping[str, Any], above: str = "") -> Iterable[tuple[str, Any]]:
+    """Yield keys, with dots between nested names, and values of a configuration."""
     for name, value in section.items():
         if isinstance(value, Mapping) and name != "observations":
-            yield from _flat(value, f"{above}{name}.")
+            yield from flat(value, f"{above}{name}.")
         else:
             yield f"{above}{name}", value
 
@@ -88,12 +92,17 @@ def _flat(section: Mapping[str, Any], above: str = "") -> Iterable[tuple[str, An
 def _applicable(recipe: Mapping[str, Any], own: Mapping[str, Any], fixed: Mapping[str, Any]) -> dict[str, Any]:
     """Return the part of a recipe that applies to the algorithm and to the environment of a configuration."""
     kept = copy.deepcopy(dict(recipe))
-    environment, evaluated = kept["environment"], kept["evaluation"].get("environment", {})
+    environment, evaluated = kept["environment"], kept["evaluation"].setdefault("environment", {})
     given = {**fixed, **(own.get("environment") or {})}
     tested = (own.get("evaluation") or {}).get("environment")
     for section, names in ((environment, given), (evaluated, [*given, *(tested or ())])):
         for name in [one for key in names for one in DEPENDENT.get(key, ())]:
             section.pop(name, None)
+    if "world" in (tested or ()) and "time_limit" in environment and "time_limit" not in given:
+        evaluated["time_limit"] = None
+    kind = resolve((given.get("reward") or {}).get("class"), {}, "reward")
+    for name in getattr(kind, "changes", ()):  # a class starts from the other weights of the recipe
+        environment.get("reward", {}).pop(name, None)
     for name in fixed:
         environment.pop(name, None)
     for name in [one for one in evaluated if one in given]:  # a given value holds in evaluations as well

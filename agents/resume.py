@@ -18,7 +18,7 @@ MAY_CHANGE = {
     "environment.id": "",
     **dict.fromkeys(("environment.num_workers", "environment.vectorization"), "training, sweep"),
     "evaluation.every": "training",
-    **dict.fromkeys(("checkpoints", "device"), "training, sweep"),
+    **dict.fromkeys(("checkpoints", "device", "logger"), "training, sweep"),
     "processes": "training, sweep",
     "torch_threads": "training, completion, sweep",
     "hyperparameters": "training",

@@ -35,6 +35,11 @@ class Progress(tqdm):
             self.fp.flush()
         return False
 
+    def note(self) -> None:
+        """Show the current state; without a terminal, in a line of its own."""
+        self._due = 0.0
+        self.refresh()
+
     def clear(self, *args: Any, **kwargs: Any) -> None:
         if not self.disable and self.fp.isatty():
             super().clear(*args, **kwargs)

@@ -12,7 +12,7 @@ TINY = {"experiment": "tiny", "total_steps": 768, "num_envs": 4, "algorithm": "P
 TINY |= {
     "environment": {"id": ID, "vectorization": "sync", "time_limit": 4.0},
     "hyperparameters": {"n_steps": 32, "batch_size": 64, "n_epochs": 2},
-    "evaluation": {"every": 256, "episodes": 3, "references": []},
+    "evaluation": {"every": 256, "at_start": True, "episodes": 3, "references": []},
     "checkpoints": {"every": 256, "keep": 2},
 }
 """Experiment of one second; an update takes 128 steps."""

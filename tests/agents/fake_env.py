@@ -16,6 +16,7 @@ from gymnasium import spaces
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.measures import Measure, when
 from lidarnaut.envs.rendering.overlay import Overlay
+from lidarnaut.envs.task import Rewards
 
 ID = "tests.agents.fake_env:Fake-v0"
 MEASURES = (
@@ -48,7 +49,9 @@ class FakeEnv(LidarEnv):
         self.time_limit = time_limit or 4.0
         self.robot_params = SimpleNamespace(name="fake", lidar=SimpleNamespace(num_beams=BEAMS), max_v=2.0)
         none = dict.fromkeys(("goal", "route", "coverage"))
-        self.task = SimpleNamespace(measures=MEASURES, progress="explored_fraction", return_home=False, **none)
+        self.task = SimpleNamespace(
+            measures=MEASURES, progress="explored_fraction", return_home=False, rewards=Rewards({}), **none
+        )
         self.overlay, self.steps = Overlay(1), 0
 
     def close(self):

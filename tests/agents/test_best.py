@@ -30,7 +30,7 @@ class Killed(BaseException):
 
 @pytest.fixture
 def config(tiny_data):
-    often = {"every": 128, "episodes": 2, "references": []}
+    often = {"every": 128, "at_start": True, "episodes": 2, "references": []}
     return changed(tiny_data, total_steps=640, evaluation=often, checkpoints={"every": 128, "keep": 2})
 
 
@@ -180,5 +180,7 @@ def test_the_bar_names_its_values_and_estimates_from_training_alone(config, tmp_
     train(config, run=tmp_path / "run", progress=False)
     assert seen[: MIN_ROLLOUTS + 1] == [0.0] * (MIN_ROLLOUTS + 1)
     assert seen[-1] == pytest.approx(config.num_envs / 0.01)
-    assert re.fullmatch(r"training explored fraction \d+ %, validation area \d+\.\d m²", bars[0].postfix)
+    assert re.fullmatch(
+        r"episode return \S+, training explored fraction \d+ %, validation area \d+\.\d m²", bars[0].postfix
+    )
     assert "?" in Progress.format_meter(**{**bars[0].format_dict, "rate": 0.0})

@@ -4,17 +4,26 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gymnasium
 import pytest
 import yaml
 
 from lidarnaut.agents.config import TrainingConfig, parse_config
+from lidarnaut.agents.evaluation import evaluation_environment
 from lidarnaut.agents.recipes import RECIPES, find_recipe, with_recipe
 from lidarnaut.agents.training import train
 from lidarnaut.envs import ENVIRONMENTS, register
 from lidarnaut.envs.files import read_mapping, read_record
+from lidarnaut.envs.task import Rewards
+from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from tests.test_contract import TASKS
 
 REACH = "lidarnaut/ReachGoal-v0"
+WEIGHTS = {"time": -4.0}
+
+
+class Polite(Rewards):
+    changes = {"collision": -9.0}
 
 
 def merged(**data):
@@ -87,6 +96,43 @@ def test_a_given_world_or_robot_is_not_replaced_in_evaluations_or_by_lists_of_ro
     assert crowd["evaluation"]["environment"]["world_size"] == [12.0, 12.0]
     other = merged(environment=given("lidarnaut/ExploreFrontiersAbstract-v0", world="turtlebot3_world"))
     assert "world_size" not in other["environment"]
+
+
+def test_a_class_of_rewards_starts_from_the_weights_of_the_recipe():
+    name, usual = "tests.agents.test_recipes:Polite", merged(environment=given())["environment"]["reward"]
+    for reward in (name, {"class": name}):
+        own, said = with_recipe({"environment": given(reward=reward)})
+        kept = {term: weight for term, weight in usual.items() if term != "collision"}
+        assert own["environment"]["reward"] == kept | {"class": name}
+        assert f"environment.reward.progress {usual['progress']}" in said
+        assert "changed by you: environment.reward.class; does not apply, so that defaults hold: environment.re" in said
+    env = gymnasium.make(REACH, reward=own["environment"]["reward"])
+    assert env.unwrapped.task.rewards.weights == ReachGoal.weights | usual | Polite.changes
+    assert merged(environment=given(reward={"class": name, "time": -3}))["environment"]["reward"]["time"] == -3
+    assert merged(environment=given(reward=f"{__name__}:WEIGHTS"))["environment"]["reward"] == usual | WEIGHTS
+    track = merged(environment=given("lidarnaut/Track-v0", reward=name))  # a recipe without weights
+    assert track["environment"]["reward"] == {"class": name}
+    assert merged(environment=given(reward=None))["environment"]["reward"] is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "limit", "tested"),
+    [
+        ({}, 60, 60),
+        ({"environment": given(robot="jackal")}, 60, 60),
+        ({"environment": given(world="turtlebot3_house")}, None, None),
+        ({"environment": given(world="turtlebot3_house", time_limit=9)}, 9, 9),
+        ({"environment": given(), "evaluation": {"environment": {"world": "turtlebot3_house"}}}, 60, None),
+        ({"environment": given(time_limit=9), "evaluation": {"environment": {"world": "turtlebot3_house"}}}, 9, 9),
+        ({"environment": given(), "evaluation": {"environment": {"world": "hall", "time_limit": 8}}}, 60, 8),
+    ],
+)
+def test_the_time_limit_of_a_recipe_belongs_to_its_worlds(changes, limit, tested):
+    data, said = with_recipe({"environment": given(), **changes})
+    config = parse_config(data, "a")
+    assert config.environment.arguments.get("time_limit") == limit
+    assert evaluation_environment(config).arguments.get("time_limit") == tested
+    assert ("does not apply, so that defaults hold: environment.time_limit" in said) == (limit is None)
 
 
 ALL = {"learning_rate", "n_steps", "batch_size", "n_epochs", "gamma", "ent_coef", "target_kl"}

@@ -1,17 +1,22 @@
 import contextlib
 import copy
+import logging
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from lidarnaut.agents import evaluation as evaluation_module
+from lidarnaut.agents.callbacks import RunCallback
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import curve_of, read_evaluations
@@ -20,7 +25,8 @@ from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, new_r
 from lidarnaut.agents.state import is_finite
 from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_vec_env
-from lidarnaut.envs.files import Lock, LockedError, dump_record, parse_record, read_record
+from lidarnaut.envs.files import Lock, LockedError, dump_record, parse_record, read_json, read_record
+from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.train_command import main
 from tests.agents.fake_env import ID
 from tests.agents.tiny import untrained
@@ -42,7 +48,8 @@ def evaluated_steps(run):
 
 def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
     assert {path.name for path in tiny_run.iterdir()} - {".lock"} == {
-        "checkpoints", "config.yaml", "evaluations.csv", "learning_curve.png", "tensorboard", "versions.json",
+        "checkpoints", "config.yaml", "evaluations.csv", "learning_curve.png", "reward.json", "tensorboard",
+        "versions.json",
     }  # fmt: skip
     saved = read_record(tiny_run / "config.yaml", TrainingConfig)
     assert saved.hyperparameters == {"learning_rate": "lin_0.0007", **tiny_config.hyperparameters}
@@ -54,7 +61,7 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
     assert {path.name for path in list_checkpoints(tiny_run)} == newest | {best.name}
     assert evaluated_steps(tiny_run) == [0, 256, 512, 768]
     events = EventAccumulator(str(tiny_run / "tensorboard")).Reload()
-    assert [event.step for event in events.Scalars("train/value_loss")][:2] == [128 * 2, 128 * 3]
+    assert [event.step for event in events.Scalars("train/value_loss")][:2] == [128, 128 * 2]
     tags = {"rollout/ep_rew_mean", "rollout/explored_fraction", "evaluation/area", "evaluation/progress"}
     assert tags <= set(events.Tags()["scalars"])
     with pytest.raises(ValueError, match=f"{tiny_run} already holds a run; resume it with --resume"):
@@ -65,6 +72,82 @@ def test_validations_have_a_progress_bar(tiny_data, tmp_path, capsys):
     train(changed(tiny_data, total_steps=256), run=tmp_path / "run")
     lines = capsys.readouterr().err.splitlines()
     assert any(line.startswith("validation:   0%|") and "/3 [" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("prior", "at_start", "first"), [(0.0, None, 128), (1.0, None, 0), (0.0, True, 0), (1.0, False, 128)]
+)
+def test_the_untrained_policy_is_evaluated_with_a_prior_or_if_asked_for(prior, at_start, first, tiny_data, tmp_path):
+    """A killed run without evaluations is resumed, and has the best checkpoint of those that it evaluated."""
+    environment = {"id": "lidarnaut/ExploreFrontiersAbstract-v0", "world": "rooms", "world_size": [6, 6]}
+    changes = {"network": {"width": 8, "heads": 2, "prior": prior}, "environment": environment | {"num_workers": 0}}
+    changes |= {"evaluation": {"every": 128, "episodes": 1, "references": [], "at_start": at_start}}
+    changes |= {"hyperparameters": {"n_steps": 8, "batch_size": 32, "n_epochs": 1}, "checkpoints": {"every": 32}}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RunCallback, "_on_training_end", Mock(side_effect=KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt, match="at step 32 "):
+            train(changed(tiny_data, **changes, total_steps=64), run=tmp_path / "run", progress=False)
+    assert (tmp_path / "run" / "evaluations.csv").exists() == (first == 0)
+    run = train(changed(tiny_data, **changes, total_steps=160), resume=tmp_path / "run", progress=False)
+    assert evaluated_steps(run) == sorted({first, 128, 160})
+    assert int(find_checkpoint(run, "best").name[5:]) in evaluated_steps(run)
+    steps = [event.step for event in read_scalars(run, "train/loss")]
+    assert steps == sorted(set(steps))
+
+
+def test_without_a_terminal_each_update_has_a_line(tiny_data, tmp_path, capsys):
+    train(changed(tiny_data, total_steps=640), run=tmp_path / "run")
+    lines = [line for line in capsys.readouterr().err.splitlines() if "/640 [" in line and "step/s" in line]
+    for step in range(128, 641, 128):
+        (line,) = [line for line in lines if f" {step}/640 [" in line][:1]
+        assert ("episode return " in line and "training explored fraction " in line) == (step > 128)
+    assert re.search(r" \d+\.\d+step/s,", lines[-1])
+
+
+def test_effective_weights_of_the_reward_are_said_and_saved(tiny_data, tmp_path, caplog):
+    caplog.set_level(logging.INFO, "lidarnaut.agents")
+    reward = {"class": "tests.agents.test_recipes:Polite", "time": -3}
+    environment = {"id": "lidarnaut/ReachGoal-v0", "world": "hall", "time_limit": 1.0, "num_workers": 0}
+    config = changed(tiny_data, environment=environment | {"reward": reward}, total_steps=128)
+    run = train(config, run=tmp_path / "run", progress=False)
+    saved = read_json(run / "reward.json")
+    assert saved["class"] == "tests.agents.test_recipes:Polite"
+    assert saved["weights"] == ReachGoal.weights | {"time": -3.0, "collision": -9.0}
+    assert any(
+        line.startswith("reward tests.agents.test_recipes:Polite: progress 1, time -3, ") for line in caplog.messages
+    )
+
+
+def test_finished_episodes_of_references_are_not_repeated(tiny_data, tmp_path, monkeypatch):
+    """Interrupted in the third episode of four; repeated only if the environment of evaluations changes."""
+    environment = {"id": "lidarnaut/ReachGoal-v0", "world": "hall", "time_limit": 1.0, "num_workers": 0}
+    evaluation = {"every": 1000, "episodes": 2, "references": ["random", "pursuit"]}
+    config, begun = changed(tiny_data, environment=environment, evaluation=evaluation, total_steps=128), []
+
+    def run_episode(env, policy, seed):
+        begun.append(seed)
+        if len(begun) == 3:
+            raise KeyboardInterrupt
+        return whole(env, policy, seed)
+
+    whole = evaluation_module.run_episode
+    monkeypatch.setattr(evaluation_module, "run_episode", run_episode)
+    with pytest.raises(KeyboardInterrupt, match="at step 128 "):
+        train(config, run=tmp_path / "run", progress=False)
+    assert begun == [0, 1, 0]
+    run = train(config, resume=tmp_path / "run", progress=False)
+    assert begun == [0, 1, 0, 0, 1]
+    rows = read_evaluations(run)
+    train(config.model_copy(update={"total_steps": 256}), resume=run, progress=False)
+    assert len(begun) == 5
+    assert read_evaluations(run)[:2] == rows[:2]
+    assert rows == read_evaluations(train(config, run=tmp_path / "whole", progress=False))
+    longer = changed(tiny_data, environment=environment | {"time_limit": 2.0}, evaluation=evaluation, total_steps=384)
+    train(longer, resume=run, progress=False)
+    assert len(begun) == 5 + 4 + 4
+    (run / "references.csv").write_text("policy,seed,success\nrandom,0,much\n")
+    with pytest.raises(ValueError, match=r"references.csv: not a table of episodes; remove it to repeat them"):
+        train(longer.model_copy(update={"total_steps": 512}), resume=run, progress=False)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
@@ -168,7 +251,7 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path,
     logged = [event.step for event in events]
     assert logged == sorted(set(logged))
     # The learning rate falls to one update's share of the initial rate.
-    assert events[-1].value == pytest.approx(7e-4 * 2 / (1280 // 128))
+    assert events[-1].value == pytest.approx(7e-4 / (1280 // 128))
 
 
 @pytest.fixture(scope="module")

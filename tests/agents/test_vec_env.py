@@ -208,7 +208,7 @@ class Standing:
         return Twist(0.0, 0.0)
 
 
-def test_evaluations_take_the_first_robot_or_their_own():
+def test_evaluations_take_the_first_robot_or_their_own(tmp_path):
     environment = {"id": "lidarnaut/ReachGoal-v0", "world": "hall", "robots": ["turtlebot3_burger", "jackal"]}
     environment |= {"observations": ["goal"], "time_limit": 0.2}
     Standing.robots.clear()
@@ -216,6 +216,8 @@ def test_evaluations_take_the_first_robot_or_their_own():
         evaluation = {"episodes": 1, "environment": own}
         config = {"experiment": "two", "total_steps": 1, "algorithm": "PPO", "evaluation": evaluation}
         evaluator = Evaluator(TrainingConfig(**config, environment=environment))
-        evaluator.references({"tests.agents.test_vec_env:Standing": "standing"}, progress=False)
+        for _ in range(2):  # the second time, from the folder
+            (folder := tmp_path / str(len(own))).mkdir(exist_ok=True)
+            evaluator.references({"tests.agents.test_vec_env:Standing": "standing"}, folder, progress=False)
         evaluator.close()
     assert Standing.robots == ["turtlebot3_burger", "jackal"]
