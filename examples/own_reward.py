@@ -1,4 +1,4 @@
-"""Custom reward: changed weights, and a term computed from quantities of the step."""
+"""Custom reward: changed weights, and terms computed from quantities of the step."""
 
 from collections.abc import Mapping
 
@@ -11,14 +11,19 @@ from lidarnaut.envs.task import Rewards
 
 
 class Careful(Rewards):
-    """Collisions cost ten times as much, turns 0.02 per rad; exploration away from obstacles counts double."""
+    """Collisions cost ten times as much, gaps below 0.1 m 0.3 per s; exploration with larger gaps counts twice.
 
-    changes = {"collision": -5.0, "yaw_rate": -0.02, "careful": 1.0}
+    Own terms are rates per second, as `close`; those in `per_step` are amounts of a step, as the explored area [m2].
+    """
+
+    changes = {"collision": -5.0, "yaw_rate": -0.02, "close": -0.3, "careful": 1.0}
+    per_step = ("careful",)
 
     def terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
-        """Return the weighted terms of a step by name, as in `info["rewards"]`."""
-        careful = quantities["explored"] * (quantities["obstacle_gap"] > 0.1)
-        return super().terms({**quantities, "careful": careful})
+        """Return the weighted terms of a step by name."""
+        is_close = quantities["obstacle_gap"] < 0.1
+        own = {"close": float(is_close), "careful": 0.0 if is_close else quantities["explored"]}
+        return super().terms({**quantities, **own})
 
 
 def main(steps: int = 100) -> dict[str, float]:

@@ -164,8 +164,9 @@ class Navigate(NavigateBrief, KnownMapTask, GoalTask):
     start with standard deviations of 0.1 m and 5 degrees; `"unknown"` means global localization. A pose (x, y, theta),
     map frame, is given to the localizer as in RViz's 2D Pose Estimate, with the standard deviations of `amcl` (0.5 m
     and 15 degrees), and may be wrong.
-    `reset(options={"goal": (x, y, theta), "initial_pose": ..., "world": ..., "start": ...})` sets one episode,
-    `set_goal` a new goal and `set_initial_pose` a new pose estimate without a reset.
+    `reset(options={"goal": (x, y, theta), "min_distance": ..., "initial_pose": ..., "world": ..., "start": ...})` sets
+    one episode, `set_options` all further ones, `set_goal` a new goal and `set_initial_pose` a new pose estimate
+    without a reset.
 
     ## Episode End
     1. Termination: the robot's true pose is within `goal_tolerance` and `heading_tolerance` of the goal.

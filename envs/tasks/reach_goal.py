@@ -129,8 +129,8 @@ class ReachGoal(ReachGoalBrief, GoalTask, UnknownWorldTask):
     ## Starting State
     The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
     away; `goal="world"` is the world's goal of the nearest spawn; a tuple `(x, y)` or `(x, y, theta)` is in the frame
-    of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` sets one episode, `set_goal` a new goal
-    without a reset.
+    of the start. `reset(options={"goal": (x, y), "min_distance": ..., "world": ..., "start": ...})` sets one episode,
+    `set_options` all further ones, `set_goal` a new goal without a reset.
 
     ## Episode End
     1. Termination: the robot's true base is within `goal_tolerance` and `heading_tolerance` of the goal.
