@@ -183,10 +183,10 @@ class RunCallback(BaseCallback):
         measured = self._evaluator.policy(self.model.policy, progress=not self._bar.disable)
         row: Row = {"steps": self.num_timesteps, **measured}
         self._evaluations.append(row)
-        scalars = {f"evaluation/{name}": value for name, value in row.items() if isinstance(value, float)}
-        # Not `logger.record`: recorded values are written only with the next rollout.
-        for output in self.logger.output_formats:
-            output.write(scalars, dict.fromkeys(scalars, ()), self.num_timesteps)
+        for name, value in row.items():
+            if isinstance(value, float):
+                self.logger.record(f"evaluation/{name}", value)
+        self.logger.dump(self.num_timesteps)
         self._write(self._evaluations)
 
     def _write(self, rows: list[Row]) -> None:

@@ -1,7 +1,6 @@
 """Evaluation of policies on test worlds during training."""
 
-import csv
-import io
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -15,12 +14,11 @@ from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
 from lidarnaut.agents.curves import LEARNED, SCORES, TEST, VALIDATION, Row
 from lidarnaut.agents.infos import infos_of
 from lidarnaut.agents.policies import make_policy
-from lidarnaut.agents.run_folder import write_table
 from lidarnaut.agents.vec_env import Observations, make_env, make_vector
 from lidarnaut.baselines.episode import decide_with, prepare, run_episode
 from lidarnaut.baselines.policy import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
-from lidarnaut.envs.files import read_bytes
+from lidarnaut.envs.files import read_json, write_file
 from lidarnaut.envs.measures import EpisodeHistory, HistoryRecorder, headline_of, measures_of
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.worlds.library import Split
@@ -36,8 +34,8 @@ def evaluation_environment(config: TrainingConfig) -> EnvironmentConfig:
     return config.environment.model_copy(update=changes)
 
 
-REFERENCES = "references.csv"
-"""File of a run folder with the finished test episodes of the references: policy, seed, and measures."""
+REFERENCES = "references.json"
+"""File of a run folder with the measures of the finished test episodes of the references, by policy."""
 FIRST_SEED = {VALIDATION: 1_000_000, TEST: 0}
 """Seed of the first episode of each split. More than 100,000 episodes are not allowed."""
 
@@ -83,18 +81,19 @@ class Evaluator:
         `names`: names in the table, by name of the policy. `run`: run folder, whose `REFERENCES` holds the finished
         episodes, which are not repeated.
         """
-        jobs = [(name, seed) for name in names for seed in range(self._episodes[TEST])]
-        done = _read_episodes(run / REFERENCES)
-        with Progress(total=len(jobs), desc="references", unit="episode", leave=False, disable=not progress) as bar:
-            for name, seed in jobs:
-                if (name, seed) not in done:
-                    history = run_episode(self._env, self.make_reference(name), seed).history
-                    done[name, seed] = self.measure(history)
-                    rows = ({"policy": one, "seed": k, **values} for (one, k), values in done.items())
-                    write_table(run / REFERENCES, [*rows])
-                bar.update()
-        episodes = {name: [done[job] for job in jobs if job[0] == name] for name in names}
-        return [{"steps": 0, **self.summarise(names[name], TEST, values)} for name, values in episodes.items()]
+        path, number, rows = run / REFERENCES, self._episodes[TEST], list[Row]()
+        done = read_json(path) if path.exists() else {}
+        total = len(names) * number
+        with Progress(total=total, desc="references", unit="episode", leave=False, disable=not progress) as bar:
+            for name, label in names.items():
+                values = done.setdefault(name, [])
+                bar.update(len(values))
+                for seed in range(len(values), number):
+                    values.append(self.measure(run_episode(self._env, self.make_reference(name), seed).history))
+                    write_file(path, json.dumps(done))
+                    bar.update()
+                rows.append({"steps": 0, **self.summarise(label, TEST, values)})
+        return rows
 
     def make_reference(self, name: str) -> Policy:
         """Return a policy by name; raise ValueError if unknown, see `lidarnaut.make_policy`."""
@@ -134,15 +133,6 @@ class Evaluator:
         name = self.headline.name
         summary |= {f"{name}_q{q}": float(np.quantile(columns[name], q / 100)) for q in (25, 75)}
         return summary | {SCORES: " ".join(f"{value:.5g}" for value in columns[name])}
-
-
-def _read_episodes(path: Path) -> dict[tuple[str, int], dict[str, float]]:
-    """Return the measures of finished episodes by policy and seed; none without a file. ValueError if damaged."""
-    rows = csv.DictReader(io.StringIO(read_bytes(path).decode() if path.exists() else "", newline=""))
-    try:
-        return {(row.pop("policy"), int(row.pop("seed"))): {key: float(row[key]) for key in row} for row in rows}
-    except (KeyError, ValueError, TypeError, csv.Error) as error:
-        raise ValueError(f"{path}: not a table of episodes; remove it to repeat them: {error}") from error
 
 
 def run_episodes(

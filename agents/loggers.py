@@ -2,7 +2,7 @@
 
 import importlib.util
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -26,38 +26,32 @@ class TensorBoard(TensorBoardOutputFormat):
 
 
 class Tracker(KVWriter):
-    """Base of writers of numbers to experiment trackers, which are optional packages."""
+    """Base of writers to experiment trackers, whose packages are optional; their environment variables apply."""
 
     name: ClassVar[str]
     """Name of the package, of the extra that installs it, and of the logger."""
+    _begin: Callable[..., str]
+    _log: Callable[..., Any]
 
     def __init__(self, run: Path, purge_step: int | None) -> None:
         self._package: Any = importlib.import_module(self.name)
         ids = read_json(run / RUN_IDS) if (run / RUN_IDS).exists() else {}
-        ids[self.name] = self._begin(run, read_mapping(run / "config.yaml"), ids.get(self.name))
+        ids[self.name] = self._begin(run.name, read_mapping(run / "config.yaml"), ids.get(self.name))
         write_file(run / RUN_IDS, json.dumps(ids))
 
     def write(self, key_values: dict[str, Any], key_excluded: dict[str, Any], step: int = 0) -> None:
-        """Log the finite numbers of a mapping at an environment step."""
-        numbers = {key: value for key, value in key_values.items() if isinstance(value, int | float | np.number)}
-        self._log({key: float(value) for key, value in numbers.items() if np.isfinite(value)}, step)
-
-    def _begin(self, run: Path, config: Mapping[str, Any], id: str | None) -> str:
-        """Begin a run with a configuration, or continue that with an id; return its id."""
-        raise NotImplementedError
-
-    def _log(self, numbers: dict[str, float], step: int) -> None:
-        raise NotImplementedError
+        numbers = {key: float(one) for key, one in key_values.items() if isinstance(one, int | float | np.number)}
+        self._log({key: number for key, number in numbers.items() if np.isfinite(number)}, step)
 
 
 class WeightsAndBiases(Tracker):
-    """Weights & Biases, with the x-axis `steps`; environment variables such as WANDB_PROJECT and WANDB_MODE apply."""
+    """Writer to Weights & Biases, with the x-axis `steps`."""
 
     name = "wandb"
 
-    def _begin(self, run: Path, config: Mapping[str, Any], id: str | None) -> str:
+    def _begin(self, name: str, config: Mapping[str, Any], id: str | None) -> str:
         # Its files are not in the run folder, which may hold no links. Its own step must not decrease on resume.
-        self._run = self._package.init(name=run.name, config=dict(config), id=id, resume="allow")
+        self._run = self._package.init(name=name, config=dict(config), id=id, resume="allow")
         self._run.define_metric("*", step_metric="steps")
         return str(self._run.id)
 
@@ -69,14 +63,13 @@ class WeightsAndBiases(Tracker):
 
 
 class MLflow(Tracker):
-    """MLflow; environment variables such as MLFLOW_TRACKING_URI and MLFLOW_EXPERIMENT_NAME apply."""
+    """Writer to MLflow."""
 
     name = "mlflow"
 
-    def _begin(self, run: Path, config: Mapping[str, Any], id: str | None) -> str:
-        mlflow = self._package
-        self._run = mlflow.start_run(run_id=id, run_name=run.name, nested=mlflow.active_run() is not None)
-        parameters = [] if id else [*flat(config)]
+    def _begin(self, name: str, config: Mapping[str, Any], id: str | None) -> str:
+        mlflow, parameters = self._package, [] if id else [*flat(config)]
+        self._run = mlflow.start_run(run_id=id, run_name=name, nested=mlflow.active_run() is not None)
         for first in range(0, len(parameters), 100):  # at most in a request
             mlflow.log_params(dict(parameters[first : first + 100]))
         return str(self._run.info.run_id)
@@ -89,7 +82,6 @@ class MLflow(Tracker):
 
 
 LOGGERS: dict[str, Any] = {"tensorboard": TensorBoard, "wandb": WeightsAndBiases, "mlflow": MLflow}
-"""Output format of each logger, by name."""
 
 
 def check_loggers(names: Iterable[str]) -> None:

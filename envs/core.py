@@ -26,7 +26,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import PEOPLE
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import Observations, Tracks, make_parts, reset_parts, write_entries
-from lidarnaut.envs.period import TIME_TOLERANCE, Period, costs, robots_info, why_not_fused
+from lidarnaut.envs.period import TIME_TOLERANCE, Period, robots_info, why_not_fused
 from lidarnaut.envs.randomization import Randomization, Ranges
 from lidarnaut.envs.rendering.overlay import Overlay
 from lidarnaut.envs.rendering.scene import Scene, scene_of
@@ -70,8 +70,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     - `render_mode` (`None`): `"human"` or `"rgb_array"`.
     - `fixed_info` (`False`): whether `info` has the same keys in every step, as Minari's
       `DataCollector(record_infos=True)` requires; entries of the last step are 0, empty or `False` before.
-    - `cost` (`False`): whether `info` has a `cost` apart from the reward, as in Safety-Gymnasium: in each step 1 for a
-      robot in contact, plus 1 for one less than 0.45 m from a person.
+    - `cost` (`False`): whether `info` has a `cost`: 1 for a robot in contact, plus 1 less than 0.45 m from a person.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
@@ -141,9 +140,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.action_space = spaces.Box(-1.0, 1.0, (num_robots, 2) if self.task.is_team else (2,), np.float32)
         self._worlds = EpisodeWorlds(self.task)
         self.has_begun = False
-        self._blank, self.fixed_info, self.has_costs = dict[str, Any](), fixed_info, cost
-        self._options = dict[str, Any]()
-        self.period = Period(self, CollisionMonitor(self.robot_params, period) if collision_monitor else None)
+        self._blank, self.fixed_info = dict[str, Any](), fixed_info
+        self.period = Period(self, CollisionMonitor(self.robot_params, period) if collision_monitor else None, cost)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -152,8 +150,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
         Args:
             seed: seed of all random numbers.
-            options: `world`, `start` and `reset_options` of the task for this episode, as in the constructor. They
-                replace those of `set_options`.
+            options: `world`, `start` and `reset_options` of the task for this episode, as in the constructor.
 
         Raises:
             ValueError: if an option is unknown or has a value that is not allowed.
@@ -164,7 +161,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def begin(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode as `reset` does, without computing observation and info."""
         task, num_robots = self.task, len(self.robots)
-        options = self._options | read_options(options, self._allowed_options)
+        options = {**task.lasting_options, **read_options(options, ("world", "start", *task.reset_options))}
         super().reset(seed=seed)
         self.has_begun = False
         task.options = {key: options[key] for key in task.reset_options if key in options}
@@ -195,16 +192,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.render()
 
     def set_options(self, options: Mapping[str, Any] | None) -> None:
-        """Set options of `reset` for all further episodes, such as the next stage of a curriculum; None for no options.
-
-        In vector environments, `call("set_options", options)` sets those of all sub-environments, whose next resets
-        use them. ValueError if an option is unknown; a wrong value is an error of the next `reset`.
-        """
-        self._options = read_options(options, self._allowed_options)
-
-    @property
-    def _allowed_options(self) -> tuple[str, ...]:
-        return ("world", "start", *self.task.reset_options)
+        """Set options of all further resets, such as the next stage of a curriculum. ValueError if unknown."""
+        self.task.lasting_options = read_options(options, ("world", "start", *self.task.reset_options))
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Apply an action for one control period.
@@ -273,11 +262,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self.task.final_metrics() | (people_metrics(self.rows.numbers) if has_people else {})
 
     @property
-    def is_fused(self) -> bool:
-        """Whether one kernel call can step many copies of this environment."""
-        return not self.why_not_fused
-
-    @property
     def why_not_fused(self) -> str:
         """Reason why one kernel call cannot step many copies of this environment; empty if it can."""
         return why_not_fused(self)
@@ -305,9 +289,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if self.randomization is not None:
             info["randomized"] = dict(self.randomization.values)
         info["time"], info["rewards"] = self.time, rewards
-        if self.has_costs:
-            info["cost"] = float(costs(self.period.numbers, len(self.robots))[0])
-        return info | robots_info(self.period.numbers, is_team=self.task.is_team)
+        return info | robots_info(self.period.numbers, is_team=self.task.is_team, has_costs=self.period.has_costs)
 
     def prepare(self) -> None:
         """Draw the next world in advance, unless `reset` gets a seed or a world; see `EpisodeWorlds.prepare`."""

@@ -33,7 +33,7 @@ from lidarnaut.envs.simulation.records import ROW
 from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.task import total
 from lidarnaut.envs.transition import (
-    PERSONAL_SPACE,
+    costs,
     drive,
     pose_errors,
     record_positions,
@@ -53,9 +53,9 @@ MOST_POSITIONS = 256
 class Period:
     """Control periods of one environment."""
 
-    def __init__(self, env: Any, monitor: CollisionMonitor | None) -> None:
+    def __init__(self, env: Any, monitor: CollisionMonitor | None, has_costs: bool) -> None:
         self.envs: Sequence[Any] = [env]
-        self.monitor = monitor
+        self.monitor, self.has_costs = monitor, has_costs
         self.quantities: Mapping[str, Any] = {}
         """Quantities of the last control period, as rewarded."""
         self._limits = np.array([env.robot_params.max_v, env.robot_params.max_w])
@@ -203,16 +203,6 @@ def _quantities(env: Any) -> dict[str, Any]:
     return quantities
 
 
-def costs(numbers: np.ndarray, num_robots: int) -> np.ndarray:
-    """Return the cost of the last control period of environments, shape (n,), float64.
-
-    The cost is the number of robots in contact, plus the number of robots in the personal space of people.
-    """
-    each = (numbers["touched"] > 0.0) + 1.0 * (numbers["person_gap"] < PERSONAL_SPACE)
-    total_costs: np.ndarray = each.reshape(-1, num_robots).sum(axis=1)
-    return total_costs
-
-
 def extend_trail(robot: Any, truth: Any, positions: np.ndarray, count: np.ndarray) -> np.ndarray:
     """Append positions of `record_positions` to the paths of a robot; return the estimated ones, shape (n, 2)."""
     estimated, true = count.tolist()
@@ -223,19 +213,20 @@ def extend_trail(robot: Any, truth: Any, positions: np.ndarray, count: np.ndarra
     return own
 
 
-def robots_info(numbers: np.ndarray, *, is_team: bool) -> dict[str, Any]:
-    """Return the entries of `info` on robots that all tasks have: arrays for a team, else numbers."""
+def robots_info(numbers: np.ndarray, *, is_team: bool, has_costs: bool) -> dict[str, Any]:
+    """Return the entries of `info` on robots that all tasks have: arrays for a team, else numbers; and their cost."""
     errors, lengths, collisions = pose_errors(numbers), numbers["path_length"], numbers["collisions"]
+    cost = {"cost": float(costs(numbers, len(numbers))[0])} if has_costs else {}
     if is_team:
-        return {"pose_error": errors, "path_length": lengths.copy(), "collisions": collisions.astype(np.int64)}
-    return {"pose_error": errors[0], "path_length": float(lengths[0]), "collisions": int(collisions[0])}
+        return {"pose_error": errors, "path_length": lengths.copy(), "collisions": collisions.astype(np.int64)} | cost
+    return {"pose_error": errors[0], "path_length": float(lengths[0]), "collisions": int(collisions[0])} | cost
 
 
 class Batch(Period):
     """Control periods of many environments, whose robots are stepped together by Numba functions."""
 
     def __init__(self, envs: Sequence[Any], arrays: Arrays) -> None:
-        super().__init__(envs[0], envs[0].period.monitor)
+        super().__init__(envs[0], envs[0].period.monitor, envs[0].period.has_costs)
         self.envs, self._arrays = envs, arrays
         robots, rows = [robot for each in envs for robot in each.robots], [each.rows for each in envs]
         numbers, ranges, self._draws = (
@@ -403,7 +394,7 @@ class Batch(Period):
                 records.note(i, {"rewards": terms}, ("rewards",))
         info: dict[str, np.ndarray] = {"time": self._times, "pose_error": pose_errors(numbers), **metrics}
         info |= {"path_length": numbers["path_length"], "collisions": numbers["collisions"]}
-        if self.envs[0].has_costs:
+        if self.has_costs:
             info["cost"] = costs(numbers, self._num_robots)
         for name, column in info.items():
             records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]

@@ -240,6 +240,8 @@ class Brief(ABC):
     """Pose of the map frame in the world frame [m, rad]."""
     options: Mapping[str, Any] = MappingProxyType({})
     """Entries of `reset(options=...)` named in `reset_options`, for this episode."""
+    lasting_options: Mapping[str, Any] = MappingProxyType({})
+    """Options of `LidarEnv.set_options`, for all further episodes."""
     rewards: Rewards = Rewards({})
     """Reward function of the episode."""
     end_reason: str | None = None

@@ -1,6 +1,7 @@
 """Numba kernels of control periods: contacts, statistics, predicted poses, and several periods of a drive."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -193,6 +194,12 @@ def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_
             return k + 1, progress, contacts
         contacts += touched
     return 0, UNCHECKED, contacts
+
+
+def costs(rows: np.ndarray, num_robots: int) -> Any:
+    """Return the number of robots in contact, plus that in personal spaces, by environment; shape (n,), float64."""
+    each = (rows["touched"] > 0.0) + 1.0 * (rows["person_gap"] < PERSONAL_SPACE)
+    return each.reshape(-1, num_robots).sum(axis=1)
 
 
 def people_metrics(rows: np.ndarray) -> dict[str, float]:

@@ -145,8 +145,8 @@ def test_finished_episodes_of_references_are_not_repeated(tiny_data, tmp_path, m
     longer = changed(tiny_data, environment=environment | {"time_limit": 2.0}, evaluation=evaluation, total_steps=384)
     train(longer, resume=run, progress=False)
     assert len(begun) == 5 + 4 + 4
-    (run / "references.csv").write_text("policy,seed,success\nrandom,0,much\n")
-    with pytest.raises(ValueError, match=r"references.csv: not a table of episodes; remove it to repeat them"):
+    (run / "references.json").write_text("[")
+    with pytest.raises(ValueError, match=r"references.json"):
         train(longer.model_copy(update={"total_steps": 512}), resume=run, progress=False)
 
 

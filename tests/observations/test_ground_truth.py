@@ -109,7 +109,7 @@ def test_kernels_for_many_robots_show_what_single_ones_see(case):
     arguments = {**arguments, "observations": parts, "time_limit": 2.0}
     ours = make_vec(f"lidarnaut/{name}-v0", 2, num_workers=0, **arguments)
     theirs = SyncVectorEnv([lambda: gymnasium.make(f"lidarnaut/{name}-v0", **arguments).unwrapped] * 2)
-    assert ours.get_attr("is_fused") == (True, True)
+    assert ours.get_attr("why_not_fused") == ("", "")
     for _ in step_both(ours, theirs, [np.stack([TURNING, -TURNING])] * 12):
         pass
     ours.close()

@@ -98,7 +98,7 @@ def test_they_may_in_vector_environments_as_well(how):
     for _ in range(6):
         assert_twins_equal(observation)
         observation, *_ = envs.step(np.full((2, 2), 0.4, dtype=np.float32))
-    assert envs.get_attr("is_fused") == (True, True)
+    assert envs.get_attr("why_not_fused") == ("", "")
     envs.close()
 
 

@@ -38,7 +38,9 @@ def test_an_id_goes_through_every_door(id, tmp_path, monkeypatch):
         environment |= {"world": "pimouse_arena"}
     elif "path" in taken:
         environment |= {key: TASKS["Track"][key] for key in ("world", "robot", "path", "map_resolution")}
-    config, run = tiny("PPO", name, total_steps=24, environment=environment), tmp_path / "run"
+    evaluation = {"episodes": 1, "every": 1000, "at_start": True}
+    config = tiny("PPO", name, total_steps=24, environment=environment, evaluation=evaluation)
+    run = tmp_path / "run"
     with monkeypatch.context() as patch:
         patch.setattr(RunCallback, "_on_rollout_end", Mock(side_effect=[None, Killed]))
         with pytest.raises(Killed):

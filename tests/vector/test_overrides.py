@@ -205,7 +205,7 @@ def test_new_methods_and_other_spaces_leave_an_environment_fast():
 
     vector = LidarVectorEnv(Larger, 2, num_workers=1, **REACH)
     vector.reset(seed=0)
-    assert vector.get_attr("is_fused") == (True, True)
+    assert vector.get_attr("why_not_fused") == ("", "")
     assert vector.call("reward_of_mine") == (2.0, 2.0)
     vector.set_attr("reward_terms", lambda quantities: {"time": 5.0})
     assert vector.get_attr("why_not_fused") == ("Larger overrides reward_terms",) * 2

@@ -146,7 +146,8 @@ def test_sub_environments_equal_single_ones_bit_for_bit(case, mode):
         for (_, terminated, truncated), info in step_both(ours, theirs, actions_of(ours, 44)):
             ended += np.count_nonzero(terminated | truncated)
             drawn |= set(info["randomized"]["lidar.noise_std"].tolist()) if "randomized" in info else set()
-        assert ours.get_attr("is_fused") == (case not in ("bullet", "abstract", "team frontiers"),) * 3
+        is_fused = case not in ("bullet", "abstract", "team frontiers")
+        assert [not reason for reason in ours.get_attr("why_not_fused")] == [is_fused] * 3
     assert ended >= 3
     assert len(drawn) >= 6 or "randomize" not in arguments
 
