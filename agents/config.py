@@ -139,6 +139,11 @@ class EvaluationConfig(Section):
         """Environment arguments that differ from training; lists are converted to tuples."""
         return {name: _tuples(value) for name, value in self.environment.items()}
 
+    @field_validator("references", mode="before")
+    @classmethod
+    def _read_none(cls, references: Any) -> Any:
+        return () if references is True else references  # the option without a value
+
 
 class CheckpointConfig(Section):
     """Interval and number of saved checkpoints."""

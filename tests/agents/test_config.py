@@ -147,6 +147,7 @@ def test_help_names_every_key(capsys):
 def test_one_name_will_do_where_several_are_allowed():
     data = {"experiment": "one", "algorithm": "PPO", "total_steps": 8, "environment": {"id": "lidarnaut/Explore-v0"}}
     assert parse_config(data | {"evaluation": {"references": "nearest"}}, "one").evaluation.references == ("nearest",)
+    assert parse_config(data | {"evaluation": {"references": True}}, "none").evaluation.references == ()
 
 
 def test_a_training_needs_no_configuration_where_the_algorithm_is_given(configs, capsys):
