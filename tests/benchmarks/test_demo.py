@@ -16,7 +16,7 @@ def config():
         "ReachCrowd",
         environment={**environment, "time_limit": 2.0},
         hyperparameters={"n_steps": 8, "batch_size": 16, "n_epochs": 1},
-        evaluation={"every": 16, "episodes": 1, "references": ["pursuit"]},
+        evaluation={"every": 16, "at_start": True, "episodes": 1, "references": ["pursuit"]},
         checkpoints={"every": 16},
     )
 
