@@ -11,7 +11,7 @@ from stable_baselines3.common.policies import BasePolicy
 
 from lidarnaut.agents.algorithms import Actor, build_policy
 from lidarnaut.agents.checkpoint import Record, load_checkpoint
-from lidarnaut.agents.networks import one_thread
+from lidarnaut.agents.inference import one_thread
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
 from lidarnaut.baselines.policy import ObservationPolicy
 from lidarnaut.envs.robots import RobotParams, load_robot

@@ -1,8 +1,7 @@
 """Feature networks for observations, and a base class of policies."""
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -116,17 +115,6 @@ class JointPolicy(ActorCriticPolicy):
 
     def predict_values(self, obs: Tensors) -> Tensor:  # type: ignore[override]
         return self.judge(obs)[1]
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Limit torch to one thread, which suits single observations; the process keeps its number of threads."""
-    count = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(count)
 
 
 def flat_space(parts: spaces.Dict) -> spaces.Box:

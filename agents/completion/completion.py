@@ -13,7 +13,7 @@ from safetensors import SafetensorError
 
 from lidarnaut.agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE
 from lidarnaut.agents.frontiers.tasks import SPLIT
-from lidarnaut.agents.networks import one_thread
+from lidarnaut.agents.inference import one_thread
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines.frontier.expected_map import Prediction
 from lidarnaut.envs.files import printable, read_bytes, read_json, write_folder

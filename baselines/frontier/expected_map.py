@@ -104,30 +104,36 @@ def _predict(state, frame, probability, turned, threshold):
 
 
 @njit(cache=True, error_model="numpy")
-def _reach(state, expected, reach):
-    """Clear expected cells that no path over expected cells, at most `reach` cells long, connects to known floor."""
-    height, width = state.shape
-    lengths, queue = np.full((height, width), np.float32(np.inf)), [(np.float32(0.0), 0, 0)]
+def spread(weights, sources, reach, cuts_corners):
+    """Return the nearest source of each cell, -1 for none, and the path length to it [free cells] (Dijkstra 1959).
+
+    `weights`: those of `ExpectedMap`; sources need not be traversable. `sources`: cells (row, column), shape (n, 2),
+    int64. `reach`: maximum path length. `cuts_corners`: whether diagonal steps may pass cells of weight 0.
+    """
+    height, width = weights.shape
+    owners, lengths = np.full((height, width), -1, dtype=np.int32), np.full((height, width), np.float32(np.inf))
+    queue = [(np.float32(0.0), 0, 0)]
     queue.clear()
-    for row in range(height):
-        for col in range(width):
-            if state[row, col] == 0:
-                lengths[row, col] = 0.0
-                queue.append((np.float32(0.0), row, col))
+    for k in range(len(sources)):
+        row, col = sources[k]
+        if owners[row, col] < 0:
+            owners[row, col], lengths[row, col] = k, 0.0
+            queue.append((np.float32(0.0), row, col))
     while len(queue):
         length, row, col = heapq.heappop(queue)
         if length > lengths[row, col]:
             continue
         for i in range(max(row - 1, 0), min(row + 2, height)):
             for j in range(max(col - 1, 0), min(col + 2, width)):
-                onward = np.float32(length + (1.0 if i == row or j == col else DIAGONAL))
-                if expected[i, j] > 0.0 and onward <= reach and onward < lengths[i, j]:
-                    lengths[i, j] = onward
+                is_straight = i == row or j == col
+                is_open = is_straight or cuts_corners or (weights[row, j] > 0 and weights[i, col] > 0)
+                if weights[i, j] == 0 or not is_open:
+                    continue
+                onward = np.float32(length + (1.0 if is_straight else DIAGONAL) * weights[i, j] / SCALE)
+                if onward <= reach and onward < lengths[i, j]:
+                    owners[i, j], lengths[i, j] = owners[row, col], onward
                     heapq.heappush(queue, (onward, i, j))
-    for row in range(height):
-        for col in range(width):
-            if lengths[row, col] > reach:
-                expected[row, col] = 0.0
+    return owners, lengths
 
 
 def expect_map(costmap: Costmap, prediction: Prediction, reach: float, threshold: float) -> ExpectedMap:
@@ -148,7 +154,8 @@ def expect_map(costmap: Costmap, prediction: Prediction, reach: float, threshold
     origin = grid.origin[0] + left * side, grid.origin[1] + top * side
     turned = prediction.angle, *prediction.corner, prediction.resolution
     expected = _predict(state, (*origin, side), prediction.probability, turned, threshold)
-    _reach(state, expected, reach / side)
+    near, known_floor = SCALE * (expected > 0.0).astype(np.uint8), np.column_stack(np.nonzero(state == 0))
+    expected[spread(near, known_floor, reach / side, True)[0] < 0] = 0.0
     clear |= expected > 0.0
     weights[(expected > 0.0) & (state == -1)] = PREDICTED_WEIGHT
     return ExpectedMap(weights, clear, expected, origin, side, int(np.count_nonzero(state == 0)))

@@ -3,14 +3,14 @@
 The first part of a tour is certain, the rest is expected; the choice is made anew as the map grows.
 """
 
-import heapq
+import math
 from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
-from lidarnaut.baselines.frontier.expected_map import DIAGONAL, ExpectedMap, Predict, expect_map
+from lidarnaut.baselines.frontier.expected_map import ExpectedMap, Predict, expect_map, spread
 from lidarnaut.baselines.frontier.open_tour import tour_length
 from lidarnaut.baselines.oracle.cover_tour import Cover, count_bits, search_tour
 from lidarnaut.baselines.oracle.cover_viewpoints import views_from
@@ -73,34 +73,6 @@ class _Places(NamedTuple):
     robot: int
     points: np.ndarray
     """Positions, shape (n, 2), map frame [m]."""
-
-
-@njit(cache=True, error_model="numpy")
-def _nearest_place(weights, places):
-    """Return the nearest place of each cell, -1 for none, and the path length to it [free cells]."""
-    height, width = weights.shape
-    owners, lengths = np.full((height, width), -1, dtype=np.int32), np.full((height, width), np.float32(np.inf))
-    queue = [(np.float32(0.0), 0, 0)]
-    queue.clear()
-    for k in range(len(places)):
-        row, col = places[k]
-        if owners[row, col] < 0:
-            owners[row, col], lengths[row, col] = k, 0.0
-            queue.append((np.float32(0.0), row, col))
-    while len(queue):
-        length, row, col = heapq.heappop(queue)
-        if length > lengths[row, col]:
-            continue
-        for i in range(max(row - 1, 0), min(row + 2, height)):
-            for j in range(max(col - 1, 0), min(col + 2, width)):
-                is_straight = i == row or j == col
-                if weights[i, j] == 0 or not (is_straight or (weights[row, j] > 0 and weights[i, col] > 0)):
-                    continue
-                onward = np.float32(length + (1.0 if is_straight else DIAGONAL) * weights[i, j] / SCALE)
-                if onward < lengths[i, j]:
-                    owners[i, j], lengths[i, j] = owners[row, col], onward
-                    heapq.heappush(queue, (onward, i, j))
-    return owners, lengths
 
 
 @njit(cache=True, error_model="numpy")
@@ -227,7 +199,7 @@ class ExpectedTour:
         viewpoints, views = self._viewpoints(expected, samples, sight)
         cells = np.vstack([viewpoints, ends[is_placed]])
         sees = np.vstack([views, views_from(expected.clear, ends[is_placed], sight, samples)])
-        owners, lengths = _nearest_place(expected.weights, cells)
+        owners, lengths = spread(expected.weights, cells, math.inf, False)
         between, before = _path_lengths(expected.weights, owners, lengths, len(cells))
         # Of places in one cell, the first one stands for all.
         taken = np.full(len(points), -1, dtype=np.int64)
