@@ -9,12 +9,16 @@ from torch.nn import functional
 from lidarnaut.agents.networks import JointPolicy, Tensors
 from lidarnaut.envs.observations.positions import GOAL_RANGE, NEAR_RANGE
 from lidarnaut.envs.observations.scan import SPEED_RANGE
-from lidarnaut.envs.observations.trajectories import END, NUMBERS, TURN, TWISTS
+from lidarnaut.envs.observations.trajectories import END, FINE_TWISTS, NUMBERS, TURN, TWISTS
 from lidarnaut.envs.tasks.carrot import AHEAD
 
 NEEDED = "trajectories", "motion", "limits"
 FAR = 10.0
 """Distance assumed for goals without an observed distance, and for those beyond the `carrot` [m]."""
+TABLES = {len(table): table for table in (TWISTS, FINE_TWISTS)}
+"""Candidate twists by number of rows of the observation `trajectories`."""
+AT_GOAL = 0.01
+"""Nearer to a goal with a known heading, the final heading is compared with it instead of the goal direction [m]."""
 GOAL_SCALES = {4: NEAR_RANGE, 5: GOAL_RANGE}
 """Distance that the observation `goal` normalizes to 1, by the size of that observation [m]; other sizes begin with a
 direction."""
@@ -74,9 +78,12 @@ class TrajectoryNetwork(nn.Module):
                 f"the trajectory network requires {list(NEEDED)} and `goal`, `carrot` or `plan`, but the "
                 f"observation space has {sorted(names)}"
             )
-        self.register_buffer("twists", torch.from_numpy(TWISTS))
+        if (rows := len(observation_space["trajectories"].low)) not in TABLES:  # type: ignore[attr-defined]
+            raise ValueError(f"the trajectory network rates {' or '.join(map(str, TABLES))} twists, not {rows}")
+        self.register_buffer("twists", torch.from_numpy(TABLES[rows]))
         self._others = sorted(names - {"trajectories"})
         self._goal_scale = GOAL_SCALES.get(spaces.flatdim(observation_space["goal"])) if "goal" in names else None
+        self._has_heading = self._goal_scale == GOAL_RANGE
         others = sum(spaces.flatdim(observation_space[name]) for name in self._others)
         self.embed = nn.Linear(NUMBERS + OWN_NUMBERS + others, width)
         self.rate = nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1, bias=False))
@@ -97,6 +104,11 @@ class TrajectoryNetwork(nn.Module):
         nearer = goal.norm(dim=2) - rest.norm(dim=2)
         turn = torch.pi * shown[:, :, TURN]
         facing = (turn.cos() * goal[:, :, 0] + turn.sin() * goal[:, :, 1]) / goal.norm(dim=2).clamp(min=1e-6)
+        if self._has_heading:
+            ahead = observations["goal"][:, 3:4] * turn.cos() + observations["goal"][:, 4:5] * turn.sin()
+            aligned = 1.0 - (2.0 - 2.0 * ahead).clamp(min=0.0).sqrt()
+            away = SPEED_RANGE * observations["limits"][:, :1] * goal.norm(dim=2)
+            facing = torch.where(away < AT_GOAL, aligned, facing)
         change = (self.twists - observations["motion"][:, None, LAST_ACTION]).abs()
         own = self.twists.expand(shown.shape[0], -1, -1)
         effects = torch.stack([nearer, facing], dim=2)

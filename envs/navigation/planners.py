@@ -1,5 +1,6 @@
 """Planners for robots that something else drives. Observation parts and policies share them, see `Robot.planner`."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -29,20 +30,28 @@ class GoalPlanner:
         self._reading: Reading | None = None
         self._path = np.empty((0, 2))
 
-    def update(self, reading: Reading, belief: Belief, goal: tuple[float, float]) -> np.ndarray:
-        """Process a new reading, and return the path to `goal` (x, y), shape (n, 2), map frame [m].
+    def update(
+        self,
+        reading: Reading,
+        belief: Belief,
+        goal: Sequence[float],
+        tolerances: tuple[float, float] = (math.inf, math.pi),
+    ) -> np.ndarray:
+        """Process a new reading, and return the path to `goal` (x, y[, theta]), shape (n, 2), map frame [m].
 
-        Before the first plan, the path is the goal alone.
+        Before the first plan, the path is the goal alone. At the goal, it leads to points around, since the estimated
+        pose is inaccurate. `tolerances`: those of the task, as for `GoalNavigator.set_tolerances`.
         """
         navigator = self._navigator
         if reading is not self._reading:
             self._reading = reading
-            if navigator.goal != goal:
+            if navigator.goal != tuple(goal[:2]):
+                navigator.set_tolerances(*tolerances)
                 navigator.set_goal(goal)
             navigator.act(reading, belief)
             if navigator.plan is not None and len(navigator.plan):
                 self._path, self.nearest = navigator.plan, 0
-        return np.vstack([self._path, navigator.target or goal])
+        return np.vstack([self._path, navigator.target or goal[:2]])
 
 
 class FrontierPlanner:

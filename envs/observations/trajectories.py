@@ -28,8 +28,13 @@ SPEEDS = -0.3, 0.0, 0.15, 0.3, 0.65, 1.0
 """Forward speeds of candidate velocity commands, fractions of the maximum."""
 TURNS = -1.0, -0.65, -0.4, -0.225, -0.1, 0.0, 0.1, 0.225, 0.4, 0.65, 1.0
 """Yaw rates of candidate velocity commands, fractions of the maximum."""
-TWISTS = np.array([(v, w) for v in SPEEDS for w in TURNS], dtype=np.float32)
-"""Candidate velocity commands: fractions of maximum speed and yaw rate, shape (66, 2), float32."""
+FINE_SPEEDS, FINE_TURNS = tuple(sorted((*SPEEDS, -0.015, 0.015, 0.04, 0.08))), tuple(sorted((*TURNS, -0.03, 0.03)))
+"""Those for accurate stops."""
+TWISTS, FINE_TWISTS = (
+    np.array([(v, w) for v in speeds for w in turns], dtype=np.float32)
+    for speeds, turns in ((SPEEDS, TURNS), (FINE_SPEEDS, FINE_TURNS))
+)
+"""Candidate velocity commands: fractions of maximum speed and yaw rate, shape (66, 2) and (130, 2), float32."""
 NUMBERS, END, TURN = 8, slice(4, 6), 6
 """Number of features per velocity command; indices of the predicted end position and of the heading change."""
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
@@ -229,14 +234,18 @@ class Trajectories(RowPart):
     approach (Fox, Burgard and Thrun, 1997).
     """
 
+    def __init__(self, fine: bool = False) -> None:
+        """Set whether 130 commands are predicted, also slow ones for accurate stops: `Box(-inf, inf, (130, 8))`."""
+        self._commands = (FINE_SPEEDS, FINE_TURNS) if fine else (SPEEDS, TURNS)
+
     def space(self, robot: RobotParams) -> spaces.Box:
-        return spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS), np.float32)
+        return spaces.Box(-np.inf, np.inf, (math.prod(map(len, self._commands)), NUMBERS), np.float32)
 
     def reset(self, robot: Robot) -> None:
         params, lidar = robot.params, robot.params.lidar
         sees_behind = bool(lidar.directions[0].min() < -math.cos(REAR_ANGLE))
         limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind
-        twists = np.array(SPEEDS, np.float32), np.array(TURNS, np.float32)
+        twists = tuple(np.array(values, np.float32) for values in self._commands)
         self._fixed = ScanGeometry.of(lidar), limits, tracker_numbers(lidar, SENSITIVE_TRACKER), twists
         num_scans = num_kept_scans(SENSITIVE_TRACKER)
         self._memory = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]

@@ -90,7 +90,8 @@ class PlannedCarrot(TaskPart):
     def write(self, robot: Robot, out: np.ndarray) -> None:
         planner = robot.planner("goal", partial(GoalPlanner, robot.params, robot.control_period))
         pose = robot.belief.pose
-        path = planner.update(robot.reading, robot.belief, self._task.tell_goal(pose)[:2])
+        tolerances = self._task.goal_tolerance, self._task.heading_tolerance
+        path = planner.update(robot.reading, robot.belief, self._task.tell_goal(pose), tolerances)
         planner.nearest = look_ahead(path, planner.nearest, tuple(pose), (AHEAD,), out)
         rest = np.vstack([pose[:2], path[planner.nearest :]])
         out[2] = min(float(np.hypot(*np.diff(rest, axis=0).T).sum()) / AHEAD, 1.0)

@@ -62,6 +62,9 @@ def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(name, size):
 def test_observations_that_are_missing_are_named():
     with pytest.raises(ValueError, match=r"\['trajectories', 'motion', 'limits'\] and `goal`, `carrot` or `plan`"):
         TrajectoryNetwork(spaces.Dict(PARTS), width=8, hidden=8)
+    others = {"goal": PARTS["motion"], "trajectories": spaces.Box(-np.inf, np.inf, (7, NUMBERS))}
+    with pytest.raises(ValueError, match="rates 66 or 130 twists, not 7"):
+        TrajectoryNetwork(spaces.Dict(PARTS | others), width=8, hidden=8)
 
 
 @pytest.mark.parametrize(
@@ -97,6 +100,20 @@ def test_an_untrained_network_with_a_prior_explores_along_the_plan():
             logits, _ = network({name: torch.from_numpy(part)[None] for name, part in observation.items()})
         observation, _, terminated, truncated, info = env.step(TWISTS[int(logits.argmax())])
     assert info["end_reason"] == "covered"
+
+
+def test_an_untrained_network_with_a_prior_docks_by_amcl():
+    parts = {"trajectories": {"fine": True}, "carrot": None, "goal": None, "motion": None, "limits": None}
+    env = gymnasium.make("lidarnaut/Dock-v0", physics="kinematic", observations=parts, start=(12.0, -10.0, 2.0))
+    torch.manual_seed(0)
+    network = TrajectoryNetwork(env.observation_space, width=8, hidden=8, prior=100.0)
+    observation, _ = env.reset(seed=0)
+    terminated = truncated = False
+    while not (terminated or truncated):
+        with torch.no_grad():
+            logits, _ = network({name: torch.from_numpy(part)[None] for name, part in observation.items()})
+        observation, _, terminated, truncated, info = env.step(network.twists[int(logits.argmax())].numpy())
+    assert (info["end_reason"], info["collisions"]) == ("docked", 0)
 
 
 def test_a_policy_acts_by_twists_of_the_table():
