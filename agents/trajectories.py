@@ -1,4 +1,4 @@
-"""Policy for PPO and A2C that selects one of 66 candidate twists."""
+"""Policy for PPO and A2C that selects one of 66 or 130 candidate twists."""
 
 import torch
 from gymnasium import spaces
@@ -18,7 +18,7 @@ FAR = 10.0
 TABLES = {len(table): table for table in (TWISTS, FINE_TWISTS)}
 """Candidate twists by number of rows of the observation `trajectories`."""
 AT_GOAL = 0.01
-"""Nearer to a goal with a known heading, the final heading is compared with it instead of the goal direction [m]."""
+"""Distance to a goal with a heading below which the robot should have this heading, not that towards the goal [m]."""
 GOAL_SCALES = {4: NEAR_RANGE, 5: GOAL_RANGE}
 """Distance that the observation `goal` normalizes to 1, by the size of that observation [m]; other sizes begin with a
 direction."""
@@ -56,11 +56,11 @@ class TwistChoice(CategoricalDistribution):
 
 
 class TrajectoryNetwork(nn.Module):
-    """Network that rates 66 candidate velocity commands (twists) by logits, and estimates the state value.
+    """Network that rates candidate velocity commands (twists) by logits, and estimates the state value.
 
     A shared MLP computes the logit of a twist from all observations and features of the twist: predicted effects,
-    decrease of the goal distance, alignment of the final heading with the goal direction, and change from the last
-    action. The value uses mean and maximum over twists.
+    decrease of the goal distance, alignment of the final heading with the goal direction (within `AT_GOAL` of a goal
+    with a heading: with that), and change from the last action. The value uses mean and maximum over twists.
     """
 
     twists: Tensor
@@ -98,7 +98,7 @@ class TrajectoryNetwork(nn.Module):
             self.add.weight[0, [*PRIOR]] = prior * torch.tensor([*PRIOR.values()])
 
     def forward(self, observations: Tensors) -> tuple[Tensor, Tensor]:
-        """Return logits of twists, shape (batch, 66), and state values, shape (batch, 1), float32."""
+        """Return logits of twists, shape (batch, n), and state values, shape (batch, 1), float32."""
         shown, goal = observations["trajectories"], self._goal(observations)[:, None]
         rest = goal - shown[:, :, END]
         nearer = goal.norm(dim=2) - rest.norm(dim=2)
@@ -135,7 +135,7 @@ class TrajectoryNetwork(nn.Module):
 
 
 class TrajectoryPolicy(JointPolicy):
-    """Actor-critic policy that samples one of 66 velocity commands, with probabilities from a `TrajectoryNetwork`."""
+    """Actor-critic policy that samples one of the velocity commands, with probabilities from a `TrajectoryNetwork`."""
 
     kind = TrajectoryNetwork
 

@@ -29,7 +29,7 @@ SPEEDS = -0.3, 0.0, 0.15, 0.3, 0.65, 1.0
 TURNS = -1.0, -0.65, -0.4, -0.225, -0.1, 0.0, 0.1, 0.225, 0.4, 0.65, 1.0
 """Yaw rates of candidate velocity commands, fractions of the maximum."""
 FINE_SPEEDS, FINE_TURNS = tuple(sorted((*SPEEDS, -0.015, 0.015, 0.04, 0.08))), tuple(sorted((*TURNS, -0.03, 0.03)))
-"""Those for accurate stops."""
+"""Forward speeds and yaw rates of the fine candidates, for stops within 1 cm, fractions of the maxima."""
 TWISTS, FINE_TWISTS = (
     np.array([(v, w) for v in speeds for w in turns], dtype=np.float32)
     for speeds, turns in ((SPEEDS, TURNS), (FINE_SPEEDS, FINE_TURNS))
@@ -199,7 +199,7 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
 @njit(cache=True, error_model="numpy")
 def write_trajectories(rows, ranges, memory, active, geometry, limits, tracker, twists, out):
-    """Update people trackers by the last scans; write the observation `Trajectories` to `out`, shape (n, 66, 8).
+    """Update people trackers by the last scans; write the observation `Trajectories` to `out`, shape (n, m, 8).
 
     `memory`: arrays of the people trackers, one row per robot: state, tracks, past scans, lidar poses.
     """
@@ -222,7 +222,7 @@ def write_trajectories(rows, ranges, memory, active, geometry, limits, tracker, 
 
 
 class Trajectories(RowPart):
-    """Observation of predicted motions by 66 velocity commands: `Box(-inf, inf, (66, 8), float32)`.
+    """Observation of predicted motions by velocity commands: `Box(-inf, inf, (66, 8), float32)`.
 
     A command is held for 0.5 s, with the robot's accelerations. Then the robot drives straight. The features are time
     to contact with a wall, and with a person at constant velocity, / 3 s (1 for no contact); closeness to walls (1 at
@@ -235,7 +235,7 @@ class Trajectories(RowPart):
     """
 
     def __init__(self, fine: bool = False) -> None:
-        """Set whether 130 commands are predicted, also slow ones for accurate stops: `Box(-inf, inf, (130, 8))`."""
+        """Set whether slow commands for accurate stops are predicted as well: `Box(-inf, inf, (130, 8))`."""
         self._commands = (FINE_SPEEDS, FINE_TURNS) if fine else (SPEEDS, TURNS)
 
     def space(self, robot: RobotParams) -> spaces.Box:

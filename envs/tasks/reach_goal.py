@@ -118,7 +118,7 @@ class ReachGoal(ReachGoalBrief, GoalTask, UnknownWorldTask):
     Optional parts: `carrot` (`Box(-1, 1, (3,))`), a point 0.8 m ahead on a planned path, see
     `lidarnaut.envs.tasks.carrot`; `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training
     (policies are marked as using ground truth). `trajectories` (`Box(-inf, inf, (66, 8))`), predicted outcomes of 66
-    twists, see `lidarnaut.envs.observations.Trajectories`.
+    twists (with `{"trajectories": {"fine": True}}` of 130), see `lidarnaut.envs.observations.Trajectories`.
 
     ## Rewards
     The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.2 per s of
