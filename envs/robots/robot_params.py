@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
-from pydantic_core import ArgsKwargs
 
 from lidarnaut.envs.files.field_help import Record, document_fields
 
@@ -82,7 +81,7 @@ class LidarParams(metaclass=Record):
     @model_validator(mode="before")
     @classmethod
     def _refuse_rate(cls, given: Any) -> Any:
-        keys = given.kwargs if isinstance(given, ArgsKwargs) else given
+        keys = getattr(given, "kwargs", given)
         if isinstance(keys, Mapping) and "rate" in keys:
             raise ValueError("there is no key 'rate': a lidar scans once per control period, see control_hz")
         return given
