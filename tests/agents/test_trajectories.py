@@ -130,4 +130,4 @@ def test_ppo_chooses_among_trajectories_where_it_sees_them(tmp_path):
     evaluation = {"every": 16, "episodes": 1, "references": []}
     config = tiny("PPO", "ReachCrowd", environment=environment, network={"width": 8}, evaluation=evaluation)
     run = train(config, run=tmp_path / "run", progress=False)
-    assert [row["steps"] for row in curve_of(read_evaluations(run))] == [0, 16]
+    assert [row["steps"] for row in curve_of(read_evaluations(run))] == [16]
