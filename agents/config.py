@@ -83,7 +83,7 @@ class GaussianNetworkConfig(NetworkConfig):
 
 
 class TrajectoryNetworkConfig(Section):
-    """Settings of the network that selects one of 66 candidate velocity commands, for PPO and A2C."""
+    """Settings of the network that selects one of the candidate velocity commands, for PPO and A2C."""
 
     width: Width = 32
     """Number of learned features per candidate command."""
