@@ -98,6 +98,7 @@ class RunCallback(BaseCallback):
         before = int(self._evaluations[-1]["steps"]) if self._evaluations else -int(self._evaluates_start)
         is_due = self.num_timesteps // every > before // every
         if is_due:
+            self._latest = None if is_off_policy else self._capture()  # for an interrupt while it is evaluated
             self._evaluate()
         if not is_off_policy:
             self._latest = self._capture()

@@ -87,12 +87,12 @@ class Evaluator:
         with Progress(total=total, desc="references", unit="episode", leave=False, disable=not progress) as bar:
             for name, label in names.items():
                 values = done.setdefault(name, [])
-                bar.update(len(values))
+                bar.update(len(values[:number]))
                 for seed in range(len(values), number):
                     values.append(self.measure(run_episode(self._env, self.make_reference(name), seed).history))
                     write_file(path, json.dumps(done))
                     bar.update()
-                rows.append({"steps": 0, **self.summarise(label, TEST, values)})
+                rows.append({"steps": 0, **self.summarise(label, TEST, values[:number])})
         return rows
 
     def make_reference(self, name: str) -> Policy:

@@ -28,6 +28,7 @@ from lidarnaut.agents.trust import named_code
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_env, make_vec_env
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import Lock, own_folder, write_file
+from lidarnaut.envs.processes import is_interrupt
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.vector.workers import UNGUARDED
 
@@ -82,6 +83,8 @@ def run_training(
             if evaluation_environment(config).arguments != evaluation_environment(before.config).arguments:
                 (run / REFERENCES).unlink(missing_ok=True)
         write_reward(run, config)
+        number = config.evaluation.test_episodes or config.evaluation.episodes
+        LOGGER.info("test after the training: %d episodes each of %s", number, ", ".join(("the best", *references)))
         replay = None
         if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
             replay = ReplayFiles(model.replay_buffer, run)
@@ -105,6 +108,10 @@ def run_training(
                 keeper.finish(evaluator.references(references, run, progress=progress))
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(keeper.save()) from None
+            except SystemError as error:
+                if is_interrupt(error):
+                    raise KeyboardInterrupt(keeper.save()) from None
+                raise
             except EndedError as error:
                 raise ValueError(f"{error}; the training ended {keeper.save()}") from error
             except ValueError:  # of distributions with such parameters, among others

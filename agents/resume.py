@@ -17,7 +17,7 @@ MAY_CHANGE = {
     "environment": "training",
     "environment.id": "",
     **dict.fromkeys(("environment.num_workers", "environment.vectorization"), "training, sweep"),
-    "evaluation.every": "training",
+    **dict.fromkeys((f"evaluation.{name}" for name in ("every", "test_episodes", "references")), "training"),
     **dict.fromkeys(("checkpoints", "device", "logger"), "training, sweep"),
     "processes": "training, sweep",
     "torch_threads": "training, completion, sweep",

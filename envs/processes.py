@@ -42,6 +42,11 @@ def follow_parent() -> None:
     threading.Thread(target=follow, daemon=True).start()
 
 
+def is_interrupt(error: BaseException | None) -> bool:
+    """Return whether an error comes from Ctrl-C. In compiled code, Ctrl-C becomes the cause of a `SystemError`."""
+    return error is not None and (isinstance(error, KeyboardInterrupt) or is_interrupt(error.__cause__))
+
+
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
     """Context manager that blocks Ctrl-C while processes start, and in these processes until `start_worker`."""

@@ -106,11 +106,14 @@ def describe_robot(robot: RobotParams) -> dict[str, str]:
     error = 100.0 * (odometry.wheel_radius / drive.wheel_radius - 1.0), 100.0 * (odometry.track / drive.track - 1.0)
     gyroscope = f"gyroscope, noise {imu.gyro_std:g} rad/s, bias {imu.gyro_bias_std:g} rad/s"
     return {
-        f"Robot {robot.name}": f"radius {robot.radius:g} m, at most {robot.max_v:g} m/s and {robot.max_w:g} rad/s",
+        f"Robot {robot.name}": f"radius {robot.radius:g} m, at most {robot.max_v:g} m/s and {robot.max_w:g} rad/s, "
+        f"{robot.max_acc_v:g} m/s2 and {robot.max_acc_w:g} rad/s2",
         f"Lidar of {robot.name}": f"{lidar.num_beams} beams over {math.degrees(lidar.fov):.0f} degrees, "
-        f"{lidar.range_min:g} to {lidar.range_max:g} m, noise {lidar.noise_std:g} m, dropout {lidar.dropout:g}",
+        f"{lidar.range_min:g} to {lidar.range_max:g} m, noise {lidar.noise_std:g} m, dropout {lidar.dropout:g}, at "
+        f"{plain(lidar.mount)}",
         f"Odometry of {robot.name}": f"distances {error[0]:+.1f} %, track {error[1]:+.1f} %, wheel slip "
         f"{drive.slip_std:g} m per root metre, turns by {gyroscope if odometry.uses_gyro else 'wheels'}",
+        f"Odometry noise that SLAMs of {robot.name} assume": plain(odometry.noise),
     }
 
 
@@ -136,5 +139,5 @@ def plain_text(value: Any) -> str:
     """Return a number, name or range as text; empty for other values."""
     if type(value) is tuple:
         texts = [plain_text(one) for one in value]
-        return " to ".join(texts) if all(texts) else ""
+        return f"({', '.join(texts)})" if all(texts) else ""
     return f"{value:.4g}" if isinstance(value, float) else str(value) if isinstance(value, str | int) else ""

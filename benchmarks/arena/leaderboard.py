@@ -80,7 +80,7 @@ def measures_section(episodes: Episodes) -> Section:
         "Interquartile means over the same starts as above. Times and distances of small and large worlds are pooled: "
         "compare policies, not absolute values."
     )
-    names = {policy: short(policy) for policy in episodes.policies}
+    names = {policy: short(policy) for policy in (*episodes.standing(episodes.measures.decisive), *episodes.policies)}
     return Section("All other measures", (text, policies_table(episodes, others, names)))
 
 
@@ -88,7 +88,7 @@ def pairs_section(episodes: Episodes) -> Section | None:
     """Return a report section that compares each policy with the reference policy under equal conditions and seeds."""
     reference, measures = episodes.reference, episodes.measures
     lines = []
-    for policy in episodes.policies:
+    for policy in episodes.standing(measures.decisive):
         if policy == reference or not episodes.by_start(policy).keys() & episodes.by_start(reference).keys():
             continue
         cells = [Cell.of(episodes.estimate(policy, ratio), replace(ratio, digits=3)) for ratio in measures.ratios]

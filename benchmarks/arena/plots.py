@@ -111,9 +111,9 @@ def draw_bands(grid: np.ndarray, bands: Bands, xlabel: str, ylabel: str) -> Figu
     return figure
 
 
-def wrapped(policy: str) -> str:
-    """Return the short name of a policy in lines of at most `MAX_NAME` characters."""
-    lines = textwrap.wrap(short(policy).replace("_", "_ "), MAX_NAME)
+def wrapped(policy: str, width: int = MAX_NAME) -> str:
+    """Return the short name of a policy in lines of at most `width` characters."""
+    lines = textwrap.wrap(short(policy).replace("_", "_ "), width)
     return "\n".join(line.replace("_ ", "_") for line in lines)
 
 
@@ -180,7 +180,7 @@ def draw_growth(policy: str, trace: Trace) -> Figure:
             spine.set_visible(False)
     people = [Circle((x, y), radius) for x, y, radius in trace.people]
     row[-1].add_collection(PatchCollection(people, facecolor=PERSON, edgecolor=PAPER, linewidth=0.6, zorder=3))
-    row[0].set_ylabel(wrapped(policy), fontsize=10)
+    row[0].set_ylabel(wrapped(policy, round(10 * height)), fontsize=10)
     if not trace.is_given:
         colors = ScalarMappable(Normalize(0.0, max(end, 1e-9)), TIMES)
         bar = figure.colorbar(colors, ax=row[-1], fraction=0.08, pad=0.03, ticks=[0.0, round(end)])

@@ -28,10 +28,10 @@ TEXT = (
     "truth. Competitors do not observe ground truth, except for the pose if `slam` or `localizer` is `truth`. "
 )
 CONDITIONS_TEXT = (
-    "Interquartile means have 95 % percentile intervals of the bootstrap, stratified by world; proportions have Wilson "
-    "intervals; ratios are geometric means over pairs of episodes from the same start. Times are simulated, distances "
-    "are ground truth. A threshold that was not reached counts as the time limit, or as the distance that the robot "
-    "could drive within it at full speed; such values are lower bounds (>)."
+    "Interquartile means have 95 % percentile intervals of the bootstrap (2000 resamples, stratified by world); "
+    "proportions have Wilson intervals; ratios are geometric means over pairs of episodes from the same start. Times "
+    "are simulated, distances are ground truth. A threshold that was not reached counts as the time limit, or as the "
+    "distance that the robot could drive within it at full speed; such values are lower bounds (>)."
 )
 DOCS_TEXT = "See [measures and statistics](../reference/evaluation.md); `arena/episodes.csv` holds the raw numbers."
 
@@ -157,7 +157,10 @@ def _conditions_section(evaluation: Evaluation | FinishedEvaluation, episodes: E
         span = f"{min(limits[world]):.0f}" + (f" to {max(limits[world]):.0f}" if len(limits[world]) > 1 else "")
         facts[f"World {world}"] = f"{len(seeds)} starts, seeds {min(seeds)} to {max(seeds)}; time limit {span} s"
     for policy in episodes.policies:
-        facts[f"Policy {short(policy)}"] = conditions.policies.get(policy) or "without arguments of its own"
+        model = episodes.of(policy)[0]["model"]
+        facts[f"Policy {short(policy)}"] = f"weights {model}; " * bool(model) + (
+            conditions.policies.get(policy) or "without arguments of its own"
+        )
     versions = read_json(evaluation.folder / SETTINGS_FILE)["versions"]
     facts |= {"Command": command, "Versions": ", ".join(f"{name} {one}" for name, one in versions.items())}
     lines = [[Cell(name), Cell(text)] for name, text in facts.items() if text]

@@ -127,7 +127,7 @@ def verdict(episodes: Episodes) -> str:
     success, *others = episodes.measures.criteria
     if (number := num_starts(episodes)) < MIN_STARTS:
         shared = f"the policies have only {number} start{'s' * (number != 1)} in common"
-        return f"No verdict: {shared}; at least {MIN_STARTS} are needed."
+        return f"No verdict: {shared}; at least {MIN_STARTS} are needed. Ranks below may be chance."
     first = Order(episodes, success)
     parts = [f"{number} starts; success: {episodes.measures.success}.", first.success()]
     is_level = len(first.best) > 1 and first.is_reached

@@ -25,7 +25,7 @@ from lidarnaut.benchmarks.arena.trace import Recorder
 from lidarnaut.envs.command_line import show_log
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.player import EpisodeRecorder
-from lidarnaut.envs.processes import interrupts_held
+from lidarnaut.envs.processes import interrupts_held, is_interrupt
 from lidarnaut.envs.wrappers import BagRecorder
 
 WARM_UP_STEPS = 20
@@ -75,6 +75,9 @@ class Result:
 
 
 def explain_fault(error: BaseException) -> str:
+    """Return an error and its place as text; raise KeyboardInterrupt if it comes from Ctrl-C in compiled code."""
+    if is_interrupt(error):
+        raise KeyboardInterrupt from error
     *_, last = traceback.extract_tb(error.__traceback__)
     return f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(last.filename).name}, line {last.lineno})"
 
@@ -124,9 +127,10 @@ class _Worker:
         try:
             return self._run(task)
         except FAULTS as error:
+            reason = explain_fault(error)
             if not isinstance(error, (ValueError, CheckpointError, SystemExit)):  # without traceback
                 logging.getLogger(__name__).exception("%s", task.key)
-            return Result(task.key, reason=explain_fault(error))
+            return Result(task.key, reason=reason)
 
     def _run(self, task: Job) -> Result:
         if task.is_logged:

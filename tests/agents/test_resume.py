@@ -40,7 +40,7 @@ def test_the_page_about_resuming_has_the_table():
         ({"num_envs": 2}, "num_envs: 4, not 2"),
         ({"experiment": "other"}, "experiment: 'tiny', not 'other'"),
         ({"evaluation": {"every": 256, "episodes": 2, "references": []}}, "evaluation.episodes: 3, not 2"),
-        ({"evaluation": {"every": 256, "episodes": 3, "references": ["random"]}}, "evaluation.references: "),
+        ({"evaluation": {"every": 256, "episodes": 3, "at_start": False}}, "evaluation.at_start: True, not False"),
         ({"hyperparameters": {"n_steps": 32, "ent_coef": 0.1}}, "hyperparameters.ent_coef: 'the default', not 0.1"),
         ({"hyperparameters": {"n_steps": 32, "policy_kwargs": {"ortho_init": False}}}, "hyperparameters.*ortho_init: "),
         ({"total_steps": 512}, "768 of total_steps, more than 512; keys that may .*: total_steps, "),

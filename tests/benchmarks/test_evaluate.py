@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lidarnaut.benchmarks.arena import overview
+from lidarnaut.benchmarks.arena import overview, workers
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.benchmarks.arena.trace import Recorder
@@ -220,6 +220,19 @@ def test_a_full_disk_is_named_and_the_same_command_goes_on(tmp_path, capsys):
     assert main(options) == 0
     assert len(read_rows(tmp_path)) == 2
     assert not list(tmp_path.rglob("*.tmp"))
+
+
+def test_ctrl_c_in_compiled_code_is_no_failed_episode(tmp_path, monkeypatch, capsys):
+    def interrupted(*_):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as stop:
+            raise SystemError("CPUDispatcher returned a result with an exception set") from stop
+
+    monkeypatch.setattr(workers, "run_episode", interrupted)
+    assert main(["--policies", "random", "--worlds", WORLD, *BRIEF, "--out", str(tmp_path)]) == 130
+    assert "Interrupted" in capsys.readouterr().err
+    assert not (tmp_path / "failures.csv").exists()
 
 
 INTERRUPTED = """
