@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from lidarnaut.driver.driver import Driver as Driver
     from lidarnaut.envs.core import LidarEnv as LidarEnv
     from lidarnaut.envs.robots import RobotParams as RobotParams
+    from lidarnaut.envs.robots import export_urdf as export_urdf
     from lidarnaut.envs.robots import robots as robots
     from lidarnaut.envs.simulation.crowd import Crowd as Crowd
     from lidarnaut.envs.task import Task as Task
@@ -36,6 +37,7 @@ _MODULES = {
     "Task": "envs.task",
     "evaluate": "benchmarks.arena.evaluate",
     "export_policy": "agents.export",
+    "export_urdf": "envs.robots",
     "load_world": "envs.worlds",
     "make_policy": "agents.policies",
     "policies_for": "baselines",

@@ -62,7 +62,7 @@ def transforms(time: float, *edges: tuple[str, str, Pose2D]) -> Any:
     """Return a `tf2_msgs/TFMessage` of transforms: parent frame, child frame, and pose of the child in the parent."""
     made = []
     for parent, child, (x, y, theta) in edges:  # without the limits of a lidar's mount: odometry may be far away
-        made.append(_transform(time, parent, child, SimpleNamespace(x=x, y=y, z=0.0, yaw=theta)))
+        made.append(_transform(time, parent, child, SimpleNamespace(x=x, y=y, z=0.0, roll=0.0, pitch=0.0, yaw=theta)))
     return _make("tf2_msgs/msg/TFMessage", made)
 
 
@@ -167,9 +167,11 @@ def _marker(
 
 def _transform(time: float, parent: str, child: str, mount: Any) -> Any:
     translation = _make("geometry_msgs/msg/Vector3", mount.x, mount.y, mount.z)
-    transform = _make("geometry_msgs/msg/Transform", translation, _quaternion(mount.yaw))
+    transform = _make("geometry_msgs/msg/Transform", translation, _quaternion(mount.yaw, mount.pitch, mount.roll))
     return _make("geometry_msgs/msg/TransformStamped", _header(time, parent), child, transform)
 
 
-def _quaternion(yaw: float) -> Any:
-    return _make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+def _quaternion(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Any:
+    (cy, sy), (cp, sp), (cr, sr) = ((math.cos(angle / 2), math.sin(angle / 2)) for angle in (yaw, pitch, roll))
+    x, y = cy * cp * sr - sy * sp * cr, cy * sp * cr + sy * cp * sr
+    return _make("geometry_msgs/msg/Quaternion", x, y, sy * cp * cr - cy * sp * sr, cy * cp * cr + sy * sp * sr)

@@ -43,7 +43,7 @@ def load_relations(path: str | Path) -> np.ndarray:
         t1, t2 [s], and x, y [m], yaw [rad] of the second pose relative to the first: shape (n, 5), float64.
 
     Raises:
-        ValueError: a line lacks eight finite numbers.
+        ValueError: a line lacks eight finite numbers, or the file is a trajectory in TUM format.
     """
     try:
         with warnings.catch_warnings():
@@ -58,6 +58,9 @@ def load_relations(path: str | Path) -> np.ndarray:
         raise ValueError(f"{path}: relations have {wanted}, got {table.shape[1]}")
     if not (finite := np.isfinite(table).all(axis=1)).all():
         raise ValueError(f"{path}: relation {int(finite.argmin())} is not finite")
+    if len(table) > 2 and np.allclose(np.linalg.norm(table[:, 4:], axis=1), 1.0, rtol=0.0, atol=1e-4):
+        wanted = "relations have t1 t2 x y z roll pitch yaw per line"
+        raise ValueError(f"{path}: a trajectory in TUM format (the last four numbers are quaternions); {wanted}")
     return table[:, [0, 1, 2, 3, 7]]
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lidarnaut.envs.files import read_record, resolve
+from lidarnaut.envs.files import read_record, resolve, write_file
 
 from .robot_params import (
     BodyParams,
@@ -15,6 +15,7 @@ from .robot_params import (
     OdometryParams,
     RobotParams,
 )
+from .urdf import urdf_text
 
 _LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library").glob("*.yaml"))}
 
@@ -47,6 +48,32 @@ def load_robot(robot: str | Path | RobotParams) -> RobotParams:
     return found
 
 
+def export_urdf(robot: str | Path | RobotParams, path: str | Path) -> Path:
+    """Write a robot as a URDF file; return its path.
+
+    Links are `base_footprint`, `base_link` and `laser`, as in recorded bags, `wheel_left_link`, `wheel_right_link`, and
+    `caster_0_link` onwards. The wheel joints turn about the y axis; their limits are the torque of a motor [N m] and
+    the rate of the faster wheel at `max_v` and `max_w` [rad/s]. Frames without a mass get a thousandth of the body's,
+    as PyBullet assumes 1 kg. Friction coefficients are in the extensions of PyBullet (`contact`) and Gazebo (`mu1`,
+    `mu2`). Sensor parameters, odometry and noise are left out.
+
+    Args:
+        robot: name in the library, path of a YAML file, import path `module:attribute`, or the parameters themselves.
+        path: file `NAME.urdf`; an existing file is replaced.
+
+    Raises:
+        ValueError: the robot is unknown or invalid, or the file has another suffix.
+        FileNotFoundError: the YAML file does not exist.
+        TypeError: `robot` has another type.
+        OSError: the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix != ".urdf":
+        raise ValueError(f"robots are exported as .urdf, got {path}")
+    write_file(path, urdf_text(load_robot(robot)))
+    return path
+
+
 __all__ = [
     "ROBOT_NAMES",
     "BodyParams",
@@ -58,6 +85,7 @@ __all__ = [
     "OdometryNoise",
     "OdometryParams",
     "RobotParams",
+    "export_urdf",
     "load_robot",
     "robots",
 ]

@@ -228,6 +228,16 @@ class BodyParams(metaclass=Record):
             values = f"size {self.size}, radius {self.radius}, height {self.height}"
             raise ValueError(f"give either size or radius and height, got {values}")
 
+    @property
+    def inertia(self) -> tuple[float, float, float]:
+        """Moments of inertia about the axes of the homogeneous shape [kg m2]."""
+        if self.size is not None:
+            x, y, z = (self.mass * side**2 / 12.0 for side in self.size)
+            return y + z, x + z, x + y
+        radius, height = self.radius or 0.0, self.height or 0.0
+        across = self.mass * (3.0 * radius**2 + height**2) / 12.0
+        return across, across, 0.5 * self.mass * radius**2
+
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
 class ImuParams(metaclass=Record):

@@ -8,7 +8,7 @@ import numpy as np
 
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
-from lidarnaut.envs.robots import BodyParams, RobotParams
+from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.worlds import World
 
 from .bullet_world import CHASSIS, GROUND, OBSTACLES, ROLLING, BulletClient
@@ -69,7 +69,7 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
         linkJointAxis=[[0.0, 1.0, 0.0]] * count,
     )
     rolling = [_WHEEL_INERTIA_RATIO * body.mass * radius**2] * 3
-    inertias = {WHEEL_LINKS[0]: rolling, WHEEL_LINKS[1]: rolling, CHASSIS_LINK: _inertia(body)}
+    inertias = {WHEEL_LINKS[0]: rolling, WHEEL_LINKS[1]: rolling, CHASSIS_LINK: body.inertia}
     # Chassis friction keeps square robots from sliding along walls.
     frictions = {WHEEL_LINKS[0]: drive.friction, WHEEL_LINKS[1]: drive.friction, CHASSIS_LINK: body.friction}
     undamped = dict.fromkeys(("restitution", "linearDamping", "angularDamping", "jointDamping"), 0.0)
@@ -87,15 +87,6 @@ def _plate(bullet: BulletClient, robot: RobotParams) -> int:
     if size is None:
         return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=_PLATE_HEIGHT)
     return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[0.5 * size[0], 0.5 * size[1], 0.5 * _PLATE_HEIGHT])
-
-
-def _inertia(body: BodyParams) -> list[float]:
-    if body.size is not None:
-        x, y, z = (body.mass * side**2 / 12.0 for side in body.size)
-        return [y + z, x + z, x + y]
-    radius, height = body.radius or 0.0, body.height or 0.0
-    across = body.mass * (3.0 * radius**2 + height**2) / 12.0
-    return [across, across, 0.5 * body.mass * radius**2]
 
 
 @njit(cache=True, error_model="numpy")

@@ -36,6 +36,7 @@ def test_relation_error_by_hand(tmp_path):
         (b"one two\n", "not a list of relations"),
         (bytes(range(256)), "not a list of relations"),
         (b"1 2 0 0 0 0 0 0\n1 2 nan 0 0 0 0 0\n", "relation 1 is not finite"),
+        (b"1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0.6 0.8\n3 2 0 0 0 0 1 0\n", "a trajectory in TUM format"),
     ],
 )
 def test_bad_relations_are_named(tmp_path, content, complaint):

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs import load_log
-from lidarnaut.envs.logs.messages import RESET_STAMP
+from lidarnaut.envs.logs.messages import RESET_STAMP, static_transforms
 from lidarnaut.envs.logs.replay import Options, main
 from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.robots import Mount
 from lidarnaut.envs.wrappers import BagRecorder, RecordBag
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 2.5}
@@ -257,3 +259,12 @@ def test_people_and_tracks_are_markers_that_are_shown_for_half_a_second(tmp_path
     assert (cylinder.pose.position.x, cylinder.pose.position.y, cylinder.scale.x) == (1.0, 0.5, 0.5)
     assert (arrow.points[1].x, arrow.points[1].y) == pytest.approx((1.3, 0.9))
     assert {(marker.lifetime.sec, marker.lifetime.nanosec) for marker in (cylinder, arrow)} == {(0, 500_000_000)}
+
+
+def test_a_tilted_lidar_is_tilted_in_static_transforms():
+    mount = Mount(0.1, -0.2, 0.3, yaw=2.5, pitch=0.2, roll=-0.1)
+    transform = static_transforms(mount).transforms[1].transform
+    move, turn = transform.translation, transform.rotation
+    assert (move.x, move.y, move.z) == (0.1, -0.2, 0.3)
+    expected = Rotation.from_euler("xyz", [-0.1, 0.2, 2.5]).as_matrix()
+    np.testing.assert_allclose(Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix(), expected, atol=1e-12)
