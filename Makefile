@@ -10,7 +10,7 @@ PIP = $(BIN)/python -m pip install --quiet --no-compile --constraint constraints
 INSTALLED := .venv/.installed
 DOCS_INSTALLED := .venv/.installed-docs
 
-.PHONY: install kernels demo test test-all test-libraries test-ray test-python test-newer coverage check format docs clean
+.PHONY: install kernels demo test test-all test-libraries test-ray test-python test-newer test-outside coverage check format docs clean
 
 install: $(INSTALLED)
 
@@ -60,6 +60,10 @@ test-python:
 test-newer: export PYENV_VERSION = 3.13
 test-newer:
 	if python3.13 --version; then $(MAKE) test-python PYTHON=python3.13 TESTS=tests/test_contract.py; fi
+
+# Files of the package, held against public tools in environments of their own; writes the page of formats.
+test-outside: install
+	$(BIN)/python -m tests.outside --write docs/reference/formats.md
 
 coverage: install
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --cov

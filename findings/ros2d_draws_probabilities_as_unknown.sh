@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # ros2d 0.10.0: of an occupancy grid, only the values 0 and 100 are drawn; all between them look like unknown cells.
 #
-# `nav_msgs/OccupancyGrid` holds percentages from 0 to 100, and -1 for unknown. Maps of Cartographer and Hector, and
+# `nav_msgs/OccupancyGrid` holds percentages from 0 to 100, and -1 for unknown. Maps with probabilities (Cartographer), and
 # costmaps, have most values between: 1 (free with 99 %) and 99 get the same grey, 127, as -1. RViz shades them. The yaw of
 # the map's origin is read and not used: the position is that of a map without rotation. A program that shows such maps
 # thresholds them first.
