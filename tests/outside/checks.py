@@ -222,7 +222,7 @@ def same_log(path: Any, files: Files) -> str:
 BAG, ROS1, MAP, GRAPH = "bag (MCAP)", "bag (ROS 1{}, converted by rosbags)", "map ({})", "pose graph (g2o)"
 POLICY, URDF = "policy (ONNX)", "robot (URDF)"
 OTHER_ERROR = "its error is that of the inverse motion"
-NO_CHECKSUM = "it needs LZ4 frames with a checksum, which rosbags does not write"
+OTHER_FRAMES = "it reads only LZ4 frames with a checksum, without a size, and of independent blocks"
 NO_ROOT = "the root link becomes a part of the world"
 CHECKS = [
     Check(BAG, "bags", "rosbags", _bag("bags", "bags.py", "read", "rosbags")),
@@ -233,7 +233,7 @@ CHECKS = [
     *(Check(ROS1.format(kind), "npm", "@foxglove/rosbag", _ros1_bag(kind, "npm", "bags.mjs")) for kind in ROS1_KINDS),
     *(
         Check(ROS1.format(kind), "debian", "python3-rosbag", _ros1_bag(kind, "debian", "debian.py"), known)
-        for kind, known in zip(ROS1_KINDS, ("", "", NO_CHECKSUM))
+        for kind, known in zip(ROS1_KINDS, ("", "", OTHER_FRAMES))
     ),
     Check("trajectory (TUM)", "graphs", "evo", _trajectory),
     Check(GRAPH, "graphs", "gtsam", _graph("gtsam")),
