@@ -9,7 +9,14 @@ import sys
 from pathlib import Path
 
 DOCS = Path(__file__).parents[1] / "docs"
-LEFT_OUT = ("notes/", "results/", "reference/api/", "reference/environments/", "reference/gallery/")
+LEFT_OUT = (
+    "notes/",
+    "results/",
+    "reference/api/",
+    "reference/environments/",
+    "reference/gallery/",
+    "reference/formats",
+)
 NOT_PROSE = re.compile(
     r"<!-- generated: .*?<!-- end -->|^(?P<fence>`{3,}|~{3,}).*?^(?P=fence)|(?<=\])\([^)]*\)", re.DOTALL | re.MULTILINE
 )

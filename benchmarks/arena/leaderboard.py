@@ -38,9 +38,14 @@ def policies_table(episodes: Episodes, shown: Sequence[Measure], names: Mapping[
     return Table(("", *(measure.title for measure in shown)), lines, **how)
 
 
+def ranked_policies(episodes: Episodes) -> list[str]:
+    """Return all policies by the decisive measure, last those without a start in common with the reference."""
+    return [*dict.fromkeys((*episodes.standing(episodes.measures.decisive), *episodes.policies))]
+
+
 def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
     """Return the leaderboard: one row per policy, ranked by the decisive measure, and one column per measure."""
-    ranked = enumerate(episodes.standing(episodes.measures.decisive), start=1)
+    ranked = enumerate(ranked_policies(episodes), start=1)
     names = {policy: f"{'bound:' if is_bound(policy) else f'{k}.'} {short(policy)}" for k, policy in ranked}
     return policies_table(episodes, shown, names, is_open=True)
 
@@ -80,7 +85,7 @@ def measures_section(episodes: Episodes) -> Section:
         "Interquartile means over the same starts as above. Times and distances of small and large worlds are pooled: "
         "compare policies, not absolute values."
     )
-    names = {policy: short(policy) for policy in (*episodes.standing(episodes.measures.decisive), *episodes.policies)}
+    names = {policy: short(policy) for policy in ranked_policies(episodes)}
     return Section("All other measures", (text, policies_table(episodes, others, names)))
 
 
@@ -88,7 +93,7 @@ def pairs_section(episodes: Episodes) -> Section | None:
     """Return a report section that compares each policy with the reference policy under equal conditions and seeds."""
     reference, measures = episodes.reference, episodes.measures
     lines = []
-    for policy in episodes.standing(measures.decisive):
+    for policy in ranked_policies(episodes):
         if policy == reference or not episodes.by_start(policy).keys() & episodes.by_start(reference).keys():
             continue
         cells = [Cell.of(episodes.estimate(policy, ratio), replace(ratio, digits=3)) for ratio in measures.ratios]
