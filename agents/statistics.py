@@ -32,6 +32,8 @@ class Estimate(NamedTuple):
     """Whether `iqm`, `low` and `high` are only lower bounds, because episodes did not reach the threshold."""
 
 
+MIN_STRATUM = 5
+"""Minimum number of episodes in a world that the bootstrap resamples apart from other worlds."""
 Band = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Curve (shape (points,)) or scalar, with the lower and upper end of its 95 % interval."""
 
@@ -47,13 +49,16 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def bootstrap(strata: Strata, statistic: Callable[..., np.ndarray], num_resamples: int = NUM_RESAMPLES) -> Band:
     """Return a statistic with its 95 % percentile interval from the bootstrap.
 
-    `strata`, one array per world, have shape (episodes,) or (episodes, points). Each is resampled separately.
+    `strata`, one array per world, have shape (episodes,) or (episodes, points). Each is resampled separately; those of
+    fewer than `MIN_STRATUM` episodes, whose intervals would be too narrow, together.
 
     Raises:
         ValueError: if a stratum is empty.
     """
     if not strata or any(len(values) == 0 for values in strata):
         raise ValueError("an estimate needs at least one episode in every world")
+    small = [values for values in strata if len(values) < MIN_STRATUM]
+    strata = [values for values in strata if len(values) >= MIN_STRATUM] + ([np.concatenate(small)] if small else [])
     together = np.concatenate(strata).astype(np.float64)
     rng, first, draws = np.random.default_rng(0), 0, list[np.ndarray]()
     for size in map(len, strata):

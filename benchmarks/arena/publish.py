@@ -28,10 +28,11 @@ TEXT = (
     "truth. Competitors do not observe ground truth, except for the pose if `slam` or `localizer` is `truth`. "
 )
 CONDITIONS_TEXT = (
-    "Interquartile means have 95 % percentile intervals of the bootstrap (2000 resamples, stratified by world); "
-    "proportions have Wilson intervals; ratios are geometric means over pairs of episodes from the same start. Times "
-    "are simulated, distances are ground truth. A threshold that was not reached counts as the time limit, or as the "
-    "distance that the robot could drive within it at full speed; such values are lower bounds (>)."
+    "Interquartile means have 95 % percentile intervals of the bootstrap (2000 resamples, stratified by world; worlds "
+    "of fewer than 5 episodes together); proportions have Wilson intervals; ratios are geometric means over pairs of "
+    "episodes from the same start. Times are simulated, distances are ground truth. A threshold that was not reached "
+    "counts as the time limit, or as the distance that the robot could drive within it at full speed; such values are "
+    "lower bounds (>)."
 )
 DOCS_TEXT = "See [measures and statistics](../reference/evaluation.md); `arena/episodes.csv` holds the raw numbers."
 

@@ -86,3 +86,11 @@ def test_scores_have_the_width_of_what_differs_between_seeds_and_between_episode
     assert high - low == pytest.approx(4 * np.sqrt(0.25 / 100), rel=0.15)
     # Outliers among four seeds are ignored.
     assert score(np.repeat([[-9.0], [0.4], [0.6], [9.0]], 2, axis=1)).iqm == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("size", [1, 2, 4])
+def test_few_episodes_per_world_do_not_make_intervals_narrow(size):
+    values = np.random.default_rng(0).normal(0.0, 1.0, 40)
+    low, high = estimate([*values.reshape(-1, size)], statistic=np.mean)[1:3]
+    assert (low, high) == pytest.approx(estimate([values], statistic=np.mean)[1:3])
+    assert high - low == pytest.approx(2.0 * 1.96 * np.std(values) / np.sqrt(40.0), rel=0.15)
