@@ -22,7 +22,7 @@ SHOWN = ("name", "label", "unit", "higher_is_better", "digits", "scale", "is_sha
 
 @dataclass(slots=True)
 class Conditions:
-    """What a report of an evaluation needs besides its tables, as kept in its folder."""
+    """Measures, settings and conditions of an evaluation, kept in its folder for reports."""
 
     measures: Measures
     settings: dict[str, Any] = field(default_factory=dict)

@@ -145,7 +145,7 @@ def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) ->
 
 
 def _conditions_section(evaluation: Evaluation | FinishedEvaluation, episodes: Episodes, command: str) -> Section:
-    """Return the report section from which the methods section of a paper can be written."""
+    """Return the report section for the methods section of a paper."""
     conditions, settings = evaluation.conditions, evaluation.conditions.settings
     facts = {"Environment": f"{settings['id']} {arguments_text(settings['arguments'])}", **conditions.facts}
     limits, starts = defaultdict[str, set[float]](set), defaultdict[str, set[int]](set)

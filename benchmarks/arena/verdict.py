@@ -1,4 +1,4 @@
-"""Summary of an evaluation: which policy is best by which measure, how sure that is, and any two policies."""
+"""Summary of an evaluation: the best policies by success and other measures, and comparisons of any two policies."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from lidarnaut.envs.measures import SUCCESS, Measure
 NUM_NAMED = 3
 """Maximum number of policies that a sentence names."""
 RESOLUTION = 0.05
-"""Relative difference for which the summary tells how many starts resolve it."""
+"""Half width of an interval, relative to the value, for which the summary estimates the number of starts."""
 
 
 class Order:
@@ -29,7 +29,7 @@ class Order:
         """Estimates by policy, best first."""
         self.leader, *self.others = self.values
         self.tied = [one for one in self.others if not is_better(episodes.gap(self.leader, one, measure), measure)]
-        """Policies that are not shown to be worse than the first: the interval of their comparison has no effect."""
+        """Policies not shown to be worse than the first: the interval of the paired comparison contains 1 or 0."""
         first = self.values[self.leader]
         self.is_reached = first.iqm > 0.0 if measure.is_share else first.never < first.n
         """Whether any policy reached the threshold, or succeeded."""
@@ -73,7 +73,7 @@ class Order:
         return f"{'; '.join(parts)}."
 
     def certainty(self) -> str:
-        """Return the comparison with the closest rival, and how many starts would decide a tie, as a sentence."""
+        """Return the comparison with the closest rival, and the number of starts for `RESOLUTION`, as a sentence."""
         if not self.others:
             return ""
         rival, measure, who = (*self.tied, *self.others)[0], self.measure, short(self.leader)
@@ -120,9 +120,10 @@ def verdict_section(episodes: Episodes, num_missing: int = 0) -> Section | None:
 
 
 def verdict(episodes: Episodes) -> str:
-    """Summarize an evaluation: policies that succeed most often, the best of them, and what would decide a tie.
+    """Summarize an evaluation: policies that succeed most often, the best of them, and the certainty of the order.
 
-    Policies are tied if the 95 % interval of their paired comparison contains no effect. It takes `MIN_STARTS` starts.
+    Policies are tied if the 95 % interval of their paired comparison contains 1 (ratio) or 0 (difference). Fewer than
+    `MIN_STARTS` starts give no verdict.
     """
     success, *others = episodes.measures.criteria
     if (number := num_starts(episodes)) < MIN_STARTS:
