@@ -10,7 +10,7 @@ from pathlib import Path
 
 DOCS = Path(__file__).parents[1] / "docs"
 LEFT_OUT = (
-    "notes/",
+    "notes.md",
     "results/",
     "reference/api/",
     "reference/environments/",

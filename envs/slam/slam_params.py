@@ -48,7 +48,7 @@ class SlamParams:
 class TinySlamParams(SlamParams):
     """Parameters of TinySLAM (Monte Carlo scan matching) and of mapping at known poses.
 
-    Defaults follow the program OSLL/tiny-slam-ros-cpp; see `docs/notes/slam.md`.
+    Defaults follow the program OSLL/tiny-slam-ros-cpp; see `docs/notes.md`.
     """
 
     sigma_xy: NotNegative = 0.2
