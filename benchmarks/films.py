@@ -75,7 +75,7 @@ def main(
 
     Args:
         only: Record only environment ids that contain this text.
-        out: Output folder; or, for a single id, a .gif or .webp file.
+        out: Output folder, of films 720 pixels wide; or, for a single id, a .gif or .webp file, 960 pixels wide.
         policy: Policy, such as "pursuit" or "learned:pretrained/foresight"; default: the reference of evaluations.
         physics: Simulator.
         seed: Seed of world, start and noise.
@@ -97,7 +97,7 @@ def main(
         env.close()
         path = out if out.suffix else out / f"{id.partition('/')[2].lower()}.webp"
         path.parent.mkdir(parents=True, exist_ok=True)
-        save_film(frames, path, 720 if path.suffix == ".webp" else 960)
+        save_film(frames, path, 960 if out.suffix else 720)
         if picture is not None:
             Image.fromarray(frames[len(frames) // 2]).save(picture, optimize=True)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)

@@ -52,4 +52,4 @@ def test_one_environment_is_filmed_as_asked_for(tmp_path):
     film, picture = tmp_path / "film.webp", tmp_path / "picture.png"
     main("Explore-v0", film, "nearest", every=2.0, arguments="{world: pimouse_arena}", picture=picture)
     with Image.open(film) as frames, Image.open(picture) as hero:
-        assert (frames.format, frames.size[0], hero.size[0] > 720) == ("WEBP", 720, True)
+        assert (frames.format, frames.size[0], hero.size[0] > 720) == ("WEBP", 960, True)
