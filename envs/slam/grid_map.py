@@ -73,15 +73,16 @@ def smaller_part(offset, c, s):
 
 
 @njit(cache=True, error_model="numpy")
-def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells, changed_cells):
+def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, cells):
     """Insert a scan into an occupancy grid; return the numbers of new and of changed cells.
 
     Cells along a beam are observed as free, and the endpoint of a return as occupied, with a gradual rise before it.
     `words`: packed cells, shape (height, width), int32. `occupancy`: same shape, int8 [percent]. `quality`: weight of
-    the scan from 0 to 1. `new_cells` receives row and column of cells observed for the first time, `changed_cells` of
-    cells that became occupied or free, possibly several times: shape (n, 2), int32. Scan arguments as in `beam_ends`.
+    the scan from 0 to 1. `cells`: two arrays, shape (n, 2), int32, that receive row and column of cells observed for
+    the first time, and of cells that became occupied or free, possibly several times. Scan arguments as in `beam_ends`.
     """
     (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
+    new_cells, changed_cells = cells
     width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
     num_new = num_changed = 0
@@ -163,7 +164,7 @@ class GridMap(GrowingMap):
         """
         window, how = self._make_room(ranges[None], np.array([pose])), (self.model, float(quality))
         scan = (ranges, tuple(pose), self.geometry, self.corner)
-        counts = integrate_scan(self.words, self.grid.data, *scan, *how, self._ends, *self._cells)
+        counts = integrate_scan(self.words, self.grid.data, *scan, *how, self._ends, self._cells)
         return self._updated(window, counts)
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:

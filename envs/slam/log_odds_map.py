@@ -108,14 +108,15 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells, ch
 
 
 @njit(cache=True, error_model="numpy")
-def integrate_scans(words, levels, sums, ranges, poses, geometry, corner, model, stamp, ends, cells):
+def integrate_scans(layers, ranges, poses, geometry, corner, model, stamp, ends, cells):
     """Insert scans into a map at all resolutions; return the numbers of new and of changed cells by the last scan.
 
-    `words` (packed cells, int32) and `levels` (occupancies, int8 [percent]) are tuples of arrays, finest first. `sums`:
-    see `add_points`. `ranges`: shape (n, num_beams), float32 [m]. `poses`: base poses, shape (n, 3), map frame [m, m,
-    rad]. `stamp`: number of the first scan, higher than in all cells. `cells`: `new_cells` and `changed_cells` of the
-    finest level, see `grid_map.integrate_scan`. See `beam_ends`.
+    `layers`: packed cells (int32) and occupancies (int8 [percent]), tuples of arrays, finest first; and sums, see
+    `add_points`. `ranges`: shape (n, num_beams), float32 [m]. `poses`: base poses, shape (n, 3), map frame [m, m, rad].
+    `stamp`: number of the first scan, higher than in all cells. `cells`: of the finest level, see
+    `grid_map.integrate_scan`. See `beam_ends`.
     """
+    words, levels, sums = layers
     num_new, num_changed, width = 0, 0, words[0].shape[1]
     for i in range(ranges.shape[0]):
         lidar, _ = beam_ends(ranges[i], poses[i], geometry, corner, ends)
@@ -175,7 +176,8 @@ class LogOddsMap(GrowingMap):
                 forget_stamps(words)
             self._stamp = 1
         scans, work = (ranges, poses, self.geometry, self.corner), (self._ends, self._cells)
-        counts = integrate_scans(tuple(self.words), self.levels, self.sums, *scans, self.model, self._stamp + 1, *work)
+        layers = tuple(self.words), self.levels, self.sums
+        counts = integrate_scans(layers, *scans, self.model, self._stamp + 1, *work)
         self._stamp += len(ranges)
         return window, counts
 
