@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarnaut.envs.slam.matching.correlative import TURN_STEP, CorrelativeWindow, search_window
+from lidarnaut.envs.slam.matching.correlative import TURN_STEP, search_window
 from lidarnaut.envs.slam.matching.covariance import correct_covariance, invert, predict_covariance, without_noise
 from lidarnaut.envs.slam.matching.gauss_newton import Fit, PosePrior, evaluate, refine
 
@@ -85,7 +85,7 @@ def test_refine_finds_the_pose_and_the_prior_holds_it():
 @pytest.mark.parametrize("x", [19.3, 3.0])  # well inside, and with a window that leaves the map
 def test_search_tries_every_pose_of_the_window(unknown, x):
     occupancy, points = random_case(3)
-    pose, window = (x, 14.8, 0.7), CorrelativeWindow(4.0, 0.06, 3.0, 0.05, unknown)
+    pose, stds = (x, 14.8, 0.7), (2.0, 0.03)
     best, best_pose = -math.inf, None
     for turn in range(-2, 3):
         theta = pose[2] + turn * TURN_STEP
@@ -97,10 +97,10 @@ def test_search_tries_every_pose_of_the_window(unknown, x):
                 inside = (row + up >= 0) & (col + right >= 0) & (row + up < 30) & (col + right < 40)
                 values = occupancy[np.clip(row + up, 0, 29), np.clip(col + right, 0, 39)].astype(int)
                 mean = np.where(inside & (values >= 0), values, unknown).mean() / 100.0
-                score = mean - 0.01 * ((up**2 + right**2) / 9.0 + (turn * TURN_STEP / 0.05) ** 2)
+                score = mean - 0.01 * ((up**2 + right**2) / stds[0] ** 2 + (turn * TURN_STEP / stds[1]) ** 2)
                 if score > best:
                     best, best_pose = score, (pose[0] + right, pose[1] + up, theta)
-    np.testing.assert_allclose(search_window(occupancy, 1.0, points, 50, pose, window), best_pose, rtol=1e-12)
+    np.testing.assert_allclose(search_window(occupancy, 1.0, points, 50, pose, stds, unknown), best_pose, rtol=1e-12)
 
 
 def test_covariance_follows_the_motion():

@@ -10,10 +10,10 @@ from lidarnaut.envs.geometry.rows import GrowingArray
 from lidarnaut.envs.robots import LidarParams
 
 from ..key_scans import KeyScanSlam
-from ..matching.correlative import CorrelativeWindow, search_window
+from ..matching.correlative import search_window
 from ..matching.covariance import motion_stds, position_std
 from ..matching.fields import LEAST_MAP_SHARE, fits_map
-from ..matching.scan_matcher import MIN_KNOWN_HITS, RETRY_GAIN, WINDOW_STDS, MatcherParams
+from ..matching.scan_matcher import MIN_KNOWN_HITS, RETRY_GAIN, MatcherParams
 from ..relocalization import FOUND_STD, LocalizationMonitor
 from ..slam_params import GMappingParams
 from .particle_maps import ParticleMaps
@@ -136,9 +136,7 @@ class GMapping(KeyScanSlam):
         start = motion
         is_far = travelled > matcher.search_distance or abs(motion.theta) > matcher.search_angle
         if num_points and is_far:
-            in_cells = (stds[0] / resolution, stds[1])
-            window = CorrelativeWindow(WINDOW_STDS * in_cells[0], WINDOW_STDS * in_cells[1], *in_cells, 50)
-            start = self._search(num_points, motion, window)
+            start = self._search(num_points, motion, (stds[0] / resolution, stds[1]), 50)
         over = (self._points, num_points, self._matcher)
         found = self._proposals
         propose(self.map.maps, self.poses, tuple(motion), tuple(start), stds, *over, found)
@@ -146,10 +144,8 @@ class GMapping(KeyScanSlam):
         weights = normalized_weights(self.log_weights)
         if weights[is_poor].sum() >= 0.5:
             # The motion model failed, and its covariance is too small.
-            half_width, half_angle = params.retry_distance / resolution, params.retry_angle
-            window = CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0)
-            start = self._search(num_points, motion, window)
-            wide = (params.retry_distance, half_angle)
+            wide = (params.retry_distance, params.retry_angle)
+            start = self._search(num_points, motion, (0.5 * (wide[0] / resolution), 0.5 * wide[1]), 0)
             propose(self.map.maps, self.poses, tuple(motion), tuple(start), wide, *over, self._retried)
             take_better(found, self._retried, RETRY_GAIN * num_points)
         self._fits = found.fits
@@ -169,12 +165,12 @@ class GMapping(KeyScanSlam):
         else:
             self.poses[:] = [Pose2D(*each).compose(motion) for each in self.poses.tolist()]
 
-    def _search(self, num_points: int, motion: Pose2D, window: CorrelativeWindow) -> Pose2D:
+    def _search(self, num_points: int, motion: Pose2D, stds: tuple[float, float], unknown: int) -> Pose2D:
         level, before = min(1, self.params.num_levels - 1), Pose2D(*self.poses[self.best].tolist())
         predicted = before.compose(motion)
         pose = (*self.map.to_cells(predicted.x, predicted.y), predicted.theta)
         occupancy = self.map.occupancy(self.best, level)
-        x, y, theta = search_window(occupancy, 0.5**level, self._points, num_points, pose, window)
+        x, y, theta = search_window(occupancy, 0.5**level, self._points, num_points, pose, stds, unknown)
         return before.between(Pose2D(*self.map.to_metres(x, y), theta))
 
     def _weigh(self) -> np.ndarray:

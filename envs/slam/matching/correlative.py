@@ -1,7 +1,6 @@
 """Correlative scan matching by exhaustive search (Olson, Real-time correlative scan matching, 2009)."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,22 +10,8 @@ from lidarnaut.envs.geometry.lookup import load
 MAX_HITS = 60
 """Maximum number of scan points scored per pose, evenly chosen."""
 TURN_STEP = 0.03
-PENALTY = 0.01
-"""Score penalty per squared deviation from the predicted pose, in standard deviations."""
-
-
-class CorrelativeWindow(NamedTuple):
-    """Tested poses and prior of a correlative search."""
-
-    distance: float
-    """Maximum offset along each axis [cells of the finest map]."""
-    angle: float
-    """Maximum difference from the predicted heading [rad]."""
-    position_std: float
-    """Standard deviation of the predicted position [cells of the finest map]."""
-    heading_std: float
-    unknown: int
-    """Occupancy assumed for unknown cells [percent]."""
+WINDOW_STDS, PENALTY = 2.0, 0.01
+"""Maximum deviation from the predicted pose, and score penalty per squared deviation, in standard deviations."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -52,20 +37,22 @@ def _total(occupancy, cells, up, right, unknown):
 
 
 @njit(cache=True, error_model="numpy")
-def search_window(occupancy, scale, points, num_points, pose, window):
+def search_window(occupancy, scale, points, num_points, pose, stds, unknown):
     """Return the pose near a prediction with the highest mean occupancy at the scan points, minus a prior penalty.
 
     `occupancy`: map, shape (height, width), int8 [percent]. `scale`: cell side of the finest map divided by that of
     `occupancy`. Other arguments are in cells of the finest map. `points`: scan points, base frame. `pose`: predicted x,
-    y from the map's corner and heading [rad], like the result.
+    y from the map's corner and heading [rad], like the result. `stds`: standard deviations of its position and heading,
+    0 for a known heading. `unknown`: occupancy of unknown cells [percent].
     """
     height, width = occupancy.shape
     flat = occupancy.ravel()
     stride = (num_points + MAX_HITS - 1) // MAX_HITS
     count = (num_points + stride - 1) // stride
-    reach, num_turns = math.ceil(window.distance * scale), math.ceil(window.angle / TURN_STEP)
-    per_cell = PENALTY / (window.position_std * scale) ** 2
-    per_turn = PENALTY * (TURN_STEP / window.heading_std) ** 2
+    position_std, heading_std = stds
+    reach, num_turns = math.ceil(WINDOW_STDS * position_std * scale), math.ceil(WINDOW_STDS * heading_std / TURN_STEP)
+    per_cell = PENALTY / (position_std * scale) ** 2
+    per_turn = PENALTY * (TURN_STEP / heading_std) ** 2 if heading_std > 0.0 else 0.0
     cells, indices = np.empty((2, count), dtype=np.int64), np.empty(count, dtype=np.int64)
     best, best_pose = -np.inf, pose
     for turn in range(-num_turns, num_turns + 1):
@@ -82,9 +69,9 @@ def search_window(occupancy, scale, points, num_points, pose, window):
         for up in range(-reach, reach + 1):
             for right in range(-reach, reach + 1):
                 if is_inside:
-                    total = _total_inside(flat, indices, up * width + right, window.unknown)
+                    total = _total_inside(flat, indices, up * width + right, unknown)
                 else:
-                    total = _total(occupancy, cells, up, right, window.unknown)
+                    total = _total(occupancy, cells, up, right, unknown)
                 penalty = per_cell * (up * up + right * right) + per_turn * turn * turn
                 score = 0.01 * total / count - penalty
                 if score > best:

@@ -10,13 +10,11 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.geometry.rows import write_row
 
 from ..slam_params import MatchingParams
-from .correlative import CorrelativeWindow, search_window
+from .correlative import search_window
 from .covariance import NoiseRecord, correct_covariance, invert, motion_stds, predict_covariance
 from .distributions import refine_to_distributions
 from .gauss_newton import Fit, PosePrior, known_score_at, refine
 
-WINDOW_STDS = 2.0
-"""Half width of correlative search windows, in standard deviations of the predicted pose."""
 MIN_KNOWN_HITS = 20
 """Minimum number of scan points in known cells to judge a match."""
 RETRY_GAIN = 0.05
@@ -108,19 +106,16 @@ def match_to_levels(ranges, geometry, levels, sums, corner, last, predicted, par
     over, pose = (levels[coarse], 0.5**coarse, points, count, start), start
     stds = (position_std / resolution, heading_std)
     if count > 0 and (travelled > params.search_distance or abs(turn) > params.search_angle):
-        pose = search_window(
-            *over, CorrelativeWindow(WINDOW_STDS * stds[0], WINDOW_STDS * stds[1], stds[0], stds[1], 50)
-        )
+        pose = search_window(*over, stds, 50)
     x, y, theta, fit = refine(levels, num_levels, points, count, pose, prior, finest_steps, steps)
     num_known, known_score = known_score_at(levels, points, count, x, y, theta)
     is_far = False
     if num_known >= MIN_KNOWN_HITS and known_score < params.retry_below:
         # The prediction failed, and its covariance is too small. Unknown cells count as 0, because they would attract a
         # wide search.
-        half_width, half_angle = params.retry_distance / resolution, params.retry_angle
-        pose = search_window(*over, CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0))
+        pose = search_window(*over, (0.5 * (params.retry_distance / resolution), 0.5 * params.retry_angle), 0)
         wide = np.zeros((3, 3))
-        predict_covariance(wide, 0.0, 0.0, params.retry_distance, half_angle)
+        predict_covariance(wide, 0.0, 0.0, params.retry_distance, params.retry_angle)
         prior = make_prior(start, wide, params.residual_variance, resolution)
         found = refine(levels, num_levels, points, count, pose, prior, finest_steps, steps)
         there = known_score_at(levels, points, count, found[0], found[1], found[2])
