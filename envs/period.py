@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.envs.columns import SCALARS, Arrays, Records
-from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.estimation import DeadReckoning
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import writes_rows
 from lidarnaut.envs.overrides import overridden, shadowed

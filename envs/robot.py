@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarnaut.envs.estimation import NO_UPDATE, Belief, Estimator
+from lidarnaut.envs.estimation import NO_UPDATE, Belief, DeadReckoning, Estimator
 from lidarnaut.envs.estimation.belief import check_belief
-from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.estimation.map_pyramid import MapPyramid
 from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, are_on_bodies, as_bodies, scan_ends
 from lidarnaut.envs.estimation.tracking import PeopleTracker

@@ -1,5 +1,5 @@
 """Pose estimates, maps, odometry and people tracking."""
 
-from .belief import NO_CELLS, NO_UPDATE, Belief, Correction, Estimator, MapUpdate
+from .belief import NO_CELLS, NO_UPDATE, Belief, Correction, DeadReckoning, Estimator, MapUpdate
 
-__all__ = ["NO_CELLS", "NO_UPDATE", "Belief", "Correction", "Estimator", "MapUpdate"]
+__all__ = ["NO_CELLS", "NO_UPDATE", "Belief", "Correction", "DeadReckoning", "Estimator", "MapUpdate"]

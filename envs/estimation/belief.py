@@ -157,6 +157,24 @@ class Estimator:
         """Complete corrections after the last scan of a replay, in `belief.path`."""
 
 
+class DeadReckoning(Estimator):
+    """Pose estimation by odometry alone; scans are ignored."""
+
+    uses_first_scan = False
+    follows_odometry = True
+
+    def reset(
+        self, rng: np.random.Generator, pose: Pose2D | None = ORIGIN, map: Any = None, covariance: Any = None
+    ) -> Belief:
+        if pose is None:
+            raise ValueError("dead reckoning needs a start pose; use localizer='amcl'")
+        return super().reset(rng, pose, map)
+
+    def update(self, reading: Reading, motion: Pose2D) -> Belief:
+        self.belief.pose = self.belief.pose.compose(motion)
+        return self.belief
+
+
 def check_belief(belief: Any, name: str, grid: OccupancyGrid | None = None, before: Any = (None, None)) -> None:
     """Check the pose estimate and map returned by the estimator called `name`.
 

@@ -8,8 +8,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from lidarnaut.envs.arguments import is_pose
-from lidarnaut.envs.estimation import Estimator
-from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.estimation import DeadReckoning, Estimator
 from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.localization import Amcl, AmclParams, load_preset

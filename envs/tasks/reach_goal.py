@@ -6,8 +6,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from lidarnaut.envs.estimation import Estimator
-from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.estimation import DeadReckoning, Estimator
 from lidarnaut.envs.geometry import ORIGIN, Pose2D
 from lidarnaut.envs.measures import REACH, Measure, barn_metric
 from lidarnaut.envs.observations import NearGoal

@@ -6,7 +6,7 @@ import pytest
 
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.estimation import DeadReckoning
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, wrap_angle
 from lidarnaut.envs.navigation import GoalNavigator
 from lidarnaut.envs.rendering import style
