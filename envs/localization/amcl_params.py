@@ -8,8 +8,6 @@ from pydantic.dataclasses import dataclass
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.robots.robot_params import CONFIG, Count, NotNegative, Positive, Share
 
-SensorModel = Literal["likelihood_field", "likelihood_field_prob", "beam"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class AmclParams:
@@ -33,7 +31,7 @@ class AmclParams:
     """Odometry noise: translation variance per squared translation [m2/m2]."""
     alpha4: NotNegative = 0.2
     """Odometry noise: translation variance per squared rotation [m2/rad2]."""
-    sensor: SensorModel = "likelihood_field"
+    sensor: Literal["likelihood_field", "likelihood_field_prob", "beam"] = "likelihood_field"
     """Sensor model that weights particles: `likelihood_field`, `likelihood_field_prob` or `beam`."""
     max_beams: Count = 60
     """Maximum number of beams used per scan, evenly spaced."""
