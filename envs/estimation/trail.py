@@ -2,9 +2,8 @@ import math
 
 import numpy as np
 
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import GrowingArray, Pose2D
 from lidarnaut.envs.geometry.lines import points_at
-from lidarnaut.envs.geometry.rows import GrowingArray
 
 TRAIL_SPACING = 0.1
 """Minimum distance between stored positions of a robot's path [m]."""

@@ -1,7 +1,8 @@
 """Poses, occupancy grids and ray casting."""
 
 from .occupancy_grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
-from .pose import ORIGIN, Pose2D, wrap_angle
+from .pose import ORIGIN, Pose2D, distance, wrap_angle
+from .rows import GrowingArray
 from .window import NO_WINDOW, Window
 
 __all__ = [
@@ -11,8 +12,10 @@ __all__ = [
     "OCCUPIED_FROM",
     "ORIGIN",
     "UNKNOWN",
+    "GrowingArray",
     "OccupancyGrid",
     "Pose2D",
     "Window",
+    "distance",
     "wrap_angle",
 ]

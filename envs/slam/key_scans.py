@@ -7,9 +7,7 @@ import numpy as np
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import NO_UPDATE, Belief, Estimator, MapUpdate
 from lidarnaut.envs.estimation.scan_points import ScanGeometry, project_hits
-from lidarnaut.envs.geometry import ORIGIN, OccupancyGrid, Pose2D, wrap_angle
-from lidarnaut.envs.geometry.pose import distance
-from lidarnaut.envs.geometry.rows import GrowingArray
+from lidarnaut.envs.geometry import ORIGIN, GrowingArray, OccupancyGrid, Pose2D, distance, wrap_angle
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 

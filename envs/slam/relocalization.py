@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarnaut.envs.estimation.scan_points import ScanGeometry
-from lidarnaut.envs.geometry import ORIGIN, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import ORIGIN, UNKNOWN, OccupancyGrid, Pose2D, distance
 from lidarnaut.envs.geometry.occupancy_grid import blocks_of
-from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
 from .key_scans import KeyScans, has_moved

@@ -2,8 +2,7 @@ import numpy as np
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.scan_points import project_hits
-from lidarnaut.envs.geometry import ORIGIN, Pose2D, wrap_angle
-from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.geometry import ORIGIN, Pose2D, distance, wrap_angle
 from lidarnaut.envs.robots import LidarParams
 
 from .grid_map import FULL_OCCUPANCY, GridMap, unvisited_word

@@ -4,9 +4,7 @@ import numpy as np
 
 from lidarnaut.envs.estimation import NO_UPDATE, Belief, MapUpdate
 from lidarnaut.envs.estimation.scan_points import project_hits
-from lidarnaut.envs.geometry import ORIGIN, Pose2D
-from lidarnaut.envs.geometry.pose import distance
-from lidarnaut.envs.geometry.rows import GrowingArray
+from lidarnaut.envs.geometry import ORIGIN, GrowingArray, Pose2D, distance
 from lidarnaut.envs.robots import LidarParams
 
 from ..key_scans import KeyScanSlam

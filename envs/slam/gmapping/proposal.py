@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarnaut.envs.compilation import njit
-from lidarnaut.envs.geometry import wrap_angle
-from lidarnaut.envs.geometry.pose import compose, distance
+from lidarnaut.envs.geometry import distance, wrap_angle
+from lidarnaut.envs.geometry.pose import compose
 
 from ..matching.covariance import correct_covariance, predict_covariance
 from ..matching.gauss_newton import evaluate, known_score_at, refine

@@ -4,9 +4,7 @@ from functools import cache
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief, Correction, MapUpdate
-from lidarnaut.envs.geometry import ORIGIN, Pose2D
-from lidarnaut.envs.geometry.pose import distance
-from lidarnaut.envs.geometry.rows import GrowingArray
+from lidarnaut.envs.geometry import ORIGIN, GrowingArray, Pose2D, distance
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam.hector import Hector
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap

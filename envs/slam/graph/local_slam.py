@@ -2,8 +2,7 @@ import dataclasses
 
 import numpy as np
 
-from lidarnaut.envs.geometry import Pose2D, wrap_angle
-from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.geometry import Pose2D, distance, wrap_angle
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.covariance import correct_covariance, motion_stds, predict_covariance

@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarnaut.envs.compilation import njit
-from lidarnaut.envs.geometry import Pose2D, wrap_angle
-from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.geometry import Pose2D, distance, wrap_angle
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam.key_scans import has_moved
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap

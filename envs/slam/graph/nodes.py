@@ -1,8 +1,7 @@
 import numpy as np
 
 from lidarnaut.envs.estimation.scan_points import project_hits
-from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.geometry.rows import GrowingArray
+from lidarnaut.envs.geometry import GrowingArray, Pose2D
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam.key_scans import KeyScans
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap

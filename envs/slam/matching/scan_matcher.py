@@ -5,8 +5,7 @@ import numpy as np
 
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation.scan_points import project_hits
-from lidarnaut.envs.geometry import wrap_angle
-from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.geometry import distance, wrap_angle
 from lidarnaut.envs.geometry.rows import write_row
 
 from ..slam_params import MatchingParams

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lidarnaut.envs.geometry.rows import GrowingArray
+from lidarnaut.envs.geometry import GrowingArray
 
 
 class Constraints(NamedTuple):

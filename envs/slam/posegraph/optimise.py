@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarnaut.envs.compilation import njit
-from lidarnaut.envs.geometry.pose import wrap_angle
+from lidarnaut.envs.geometry import wrap_angle
 
 from ..matching.covariance import invert
 from .graph import Graph
