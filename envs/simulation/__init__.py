@@ -6,8 +6,7 @@ from lidarnaut.envs.robots import RobotParams
 
 from .crowd import Crowd
 from .kinematic import KinematicSimulator
-from .mover import Mover
-from .physics import Simulator
+from .mover import Mover, Simulator
 from .rows import Reading, RobotState, Twist
 
 PHYSICS = ("bullet", "kinematic")

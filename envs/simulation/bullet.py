@@ -13,7 +13,7 @@ from lidarnaut.envs.worlds import World
 from .bullet_robot import BulletRobot
 from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls, import_pybullet
 from .crowd.step import step_people
-from .physics import Simulator
+from .mover import Simulator
 from .records import TOUCHED_PERSON, robot_record
 
 GRAVITY = 9.81

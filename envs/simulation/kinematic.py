@@ -11,7 +11,7 @@ from lidarnaut.envs.worlds import World
 
 from .contact import push_out, select_near
 from .crowd.step import step_people, with_bodies, with_people
-from .physics import Simulator
+from .mover import Simulator
 from .records import TOUCHED_PERSON, unpack_robot
 from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 
