@@ -1,4 +1,5 @@
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -7,22 +8,24 @@ from scipy.ndimage import binary_dilation
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation import DwbParams, DwbPlanner
 from lidarnaut.envs.navigation.controllers import critics
+from lidarnaut.envs.navigation.controllers.regulated_pursuit import as_record
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
 from tests.navigation.driving import NOTHING, PERIOD, drive, path_through
 from tests.rooms import BURGER, ORIGIN
 
-SIDE, RESOLUTION = 41, 0.05
+SIDE = 41
 MIDDLE = SIDE // 2
 AWAY = critics.Ending(False, 0.0, True)
 NOBODY = np.empty((0, 5))
 
 
-def motion(v=0.0, w=0.0, acc=1e9):
-    return critics.RolloutParams(v, w, acc, acc, 1.0, 0.005, 0.0025, 0.1, 0.25, 5.0)
+def numbers_of(acc=1e9):
+    params = DwbParams(acc_lim_x=acc, acc_lim_theta=acc, inflation_radius=1.0, sim_time=1.0, linear_granularity=0.005)
+    return as_record(asdict(params) | {"angular_granularity": 0.0025})[0]
 
 
-STANDING = motion()
+STANDING = (0.0, 0.0)
 STOPPED = Twist(0.0, 0.0)
 
 
@@ -34,11 +37,11 @@ def planner_to(x, robot=BURGER, params=DwbParams(), **ending):  # noqa: B008
 
 def test_trajectories_are_arcs_once_the_speed_is_reached():
     poses = np.empty((1000, 3))
-    num = critics.roll_out(0.5, 1.0, motion(0.5, 1.0), poses)
+    num = critics.roll_out(0.5, 1.0, (0.5, 1.0), numbers_of(), poses)
     x, y, theta = poses[num - 1]
     assert theta == pytest.approx(1.0)
     assert (x, y) == pytest.approx((0.5 * math.sin(1.0), 0.5 * (1.0 - math.cos(1.0))), abs=1e-4)
-    num = critics.roll_out(0.4, 0.0, motion(acc=0.5), poses)
+    num = critics.roll_out(0.4, 0.0, STANDING, numbers_of(acc=0.5), poses)
     # 0.8 s to reach 0.4 m/s, then 0.2 s at this speed.
     assert poses[num - 1, 0] == pytest.approx(0.5 * 0.5 * 0.8**2 + 0.4 * 0.2, abs=4e-3)
 
@@ -59,7 +62,8 @@ def scores_of(
     scores = np.empty((len(twists), 7))
     twists = np.array(twists, dtype=np.float64)
     steps = np.stack([to_path, to_goal, to_goal])
-    critics.judge(twists, banned, now, ending, critics.Rasters(costs, squared, steps, RESOLUTION), people, 0.2, scores)
+    maps = critics.Rasters(costs, squared, steps)
+    critics.judge(twists, banned, now, numbers_of(), ending, maps, people, 0.2, scores)
     return scores
 
 
@@ -84,7 +88,7 @@ def test_steps_spread_around_what_is_touched():
 
 
 def test_path_and_goal_critics_count_cells():
-    scores = scores_of([(0.5, 0.0), (0.25, 0.0)], path_row=MIDDLE + 3, now=motion(0.5))
+    scores = scores_of([(0.5, 0.0), (0.25, 0.0)], path_row=MIDDLE + 3, now=(0.5, 0.0))
     assert scores[0, critics.PATH_DIST] == 3
     assert scores[0, critics.GOAL_DIST] == 10
     assert scores[1, critics.GOAL_DIST] > scores[0, critics.GOAL_DIST]
@@ -97,7 +101,7 @@ def test_whoever_touches_something_is_out_of_the_question():
     costs = np.zeros((SIDE, SIDE), dtype=np.uint8)
     costs[:, MIDDLE + 4 :] = 253
     costs[:, MIDDLE + 2 : MIDDLE + 4] = 120
-    scores = scores_of([(0.1, 0.0), (0.15, 0.0), (0.3, 0.0)], costs=costs, now=motion(0.2), goal=(MIDDLE, MIDDLE))
+    scores = scores_of([(0.1, 0.0), (0.15, 0.0), (0.3, 0.0)], costs=costs, now=(0.2, 0.0), goal=(MIDDLE, MIDDLE))
     assert scores[1, critics.BASE_OBSTACLE] == 120
     assert np.isnan(scores[2]).all()
 
@@ -112,14 +116,14 @@ def test_a_robot_that_touches_something_may_leave_but_not_approach():
 def test_who_would_meet_somebody_is_out_of_the_question():
     # A person crosses the path at x = 0.4 m: only the faster trajectory is there at this time.
     people = np.array([[0.4, -0.8, 0.0, 0.8, 0.1]])
-    scores = scores_of([(0.4, 0.0), (0.05, 0.0)], people=people, now=motion(0.4))
+    scores = scores_of([(0.4, 0.0), (0.05, 0.0)], people=people, now=(0.4, 0.0))
     assert list(np.isnan(scores[:, critics.PATH_DIST])) == [True, False]
-    assert not np.isnan(scores_of([(0.4, 0.0)], people=people * (1, 1, 0, 0, 1), now=motion(0.4))).any()
+    assert not np.isnan(scores_of([(0.4, 0.0)], people=people * (1, 1, 0, 0, 1), now=(0.4, 0.0))).any()
 
 
 def test_near_the_goal_the_robot_stops_and_then_turns():
     ending = critics.Ending(True, 1.0, True)
-    moving = scores_of([(0.5, 0.0), (0.3, 0.0), (0.0, 0.0)], now=motion(0.4), ending=ending)[:, critics.ROTATE_TO_GOAL]
+    moving = scores_of([(0.5, 0.0), (0.3, 0.0), (0.0, 0.0)], now=(0.4, 0.0), ending=ending)[:, critics.ROTATE_TO_GOAL]
     assert math.isnan(moving[0])
     assert moving[1] == pytest.approx(5.0 * 0.3**2 + 1.0)
     assert moving[2] == pytest.approx(1.0)
@@ -153,7 +157,8 @@ def test_parameters_limit_speeds_and_change_the_forecast():
 def test_the_inflation_radius_is_that_of_nav2_and_at_least_the_footprint():
     box = np.array([[x, 0.62] for x in np.linspace(0.2, 1.5, 60)])
     planners = [planner_to(4.0, params=DwbParams(inflation_radius=radius)) for radius in (0.05, 0.3, 1.0)]
-    costs = [planner._look(box)[0] for planner in planners]
+    squared = planners[0]._squared_gaps(box, planners[0]._side, 0.05, 180)
+    costs = [planner._table[np.minimum(squared, len(planner._table) - 1)] for planner in planners]
     assert planners[0].command(ORIGIN, STOPPED, box).v > 0.0
     assert [np.count_nonzero(each) for each in costs] == sorted(np.count_nonzero(each) for each in costs)
     assert (costs[0][costs[0] > 0] >= 253).all()

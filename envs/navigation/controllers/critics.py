@@ -1,6 +1,7 @@
 """Critics of Nav2's local planner DWB: kernels that simulate twists and score the trajectories.
 
-Rasters are square, in the base frame, with the robot in the middle and x along columns.
+Rasters are square, in the base frame, with the robot in the middle and x along columns. `now`: current twist [m/s,
+rad/s]. `numbers`: record with the fields of `DwbParams`.
 """
 
 import math
@@ -17,21 +18,6 @@ ROTATE_TO_GOAL, OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, G
 NUM_CRITICS = 7
 
 
-class RolloutParams(NamedTuple):
-    """Trajectory simulation: initial twist, acceleration limits, and parameters of critics and steps (`DwbParams`)."""
-
-    v: float
-    w: float
-    max_acc_v: float
-    max_acc_w: float
-    sim_time: float
-    linear_granularity: float
-    angular_granularity: float
-    forward_point_distance: float
-    trans_stopped_velocity: float
-    slowing_factor: float
-
-
 class Rasters(NamedTuple):
     """Local costmap, with distances to obstacles, path and goal."""
 
@@ -42,7 +28,6 @@ class Rasters(NamedTuple):
     steps: np.ndarray
     """Distances from each cell to the path, the local goal on it, and a point beyond this goal, in 4-connected moves
     around obstacles, shape (3, side, side), int32."""
-    resolution: float
 
 
 class Ending(NamedTuple):
@@ -57,21 +42,21 @@ class Ending(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def roll_out(v, w, rollout, poses):
+def roll_out(v, w, now, numbers, poses):
     """Simulate a commanded twist with acceleration limits; return the number of poses.
 
     Writes `poses`, shape (n, 3): x, y, heading after each step, base frame [m, m, rad].
     """
-    turns = max(abs(w), abs(rollout.w)) * rollout.sim_time / rollout.angular_granularity
-    metres = max(abs(v), abs(rollout.v)) * rollout.sim_time / rollout.linear_granularity
+    speed, rate = now
+    turns = max(abs(w), abs(rate)) * numbers.sim_time / numbers.angular_granularity
+    metres = max(abs(v), abs(speed)) * numbers.sim_time / numbers.linear_granularity
     num_steps = min(max(1, math.ceil(max(turns, metres))), poses.shape[0])
-    dt = rollout.sim_time / num_steps
+    dt, turn = numbers.sim_time / num_steps, math.nan
     x = y = theta = 0.0
-    speed, rate, turn = rollout.v, rollout.w, math.nan
     c = s = step_c = step_s = 0.0
     for k in range(num_steps):
-        speed += min(max(v - speed, -rollout.max_acc_v * dt), rollout.max_acc_v * dt)
-        rate += min(max(w - rate, -rollout.max_acc_w * dt), rollout.max_acc_w * dt)
+        speed += min(max(v - speed, -numbers.acc_lim_x * dt), numbers.acc_lim_x * dt)
+        rate += min(max(w - rate, -numbers.acc_lim_theta * dt), numbers.acc_lim_theta * dt)
         if rate * dt == turn:
             c, s = c * step_c - s * step_s, s * step_c + c * step_s
         else:
@@ -127,12 +112,12 @@ def cell_of(x, y, side, resolution):
 
 
 @njit(cache=True, error_model="numpy")
-def _rotate_to_goal(v, poses, num_steps, rollout, ending):
+def _rotate_to_goal(v, poses, num_steps, now, numbers, ending):
     if not ending.is_near:
         return 0.0
     error = abs(wrap_angle(poses[num_steps - 1, 2] - ending.heading))
-    if abs(rollout.v) > rollout.trans_stopped_velocity:
-        return v * v * rollout.slowing_factor + error if abs(v) < abs(rollout.v) else np.nan
+    if abs(now[0]) > numbers.trans_stopped_velocity:
+        return v * v * numbers.slowing_factor + error if abs(v) < abs(now[0]) else np.nan
     return error if v == 0.0 else np.nan
 
 
@@ -155,14 +140,14 @@ def meets_people(poses, num_steps, people, sim_time, radius):
 
 
 @njit(cache=True, error_model="numpy")
-def _clearance_cost(poses, num_steps, rasters):
+def _clearance_cost(poses, num_steps, rasters, resolution):
     side = rasters.costs.shape[0]
     cost_of, squared_of = rasters.costs.reshape(side * side), rasters.squared.reshape(side * side)
     middle = (side // 2) * side + side // 2
     touches = cost_of[middle] >= COST_INSCRIBED
     cost = np.uint8(0)
     for k in range(num_steps):
-        cell = cell_of(poses[k, 0], poses[k, 1], side, rasters.resolution)
+        cell = cell_of(poses[k, 0], poses[k, 1], side, resolution)
         if cell < 0:
             return np.nan
         cost = cost_of[cell]
@@ -181,7 +166,7 @@ def _steps_at(distances, x, y, resolution, must_lead):
 
 
 @njit(cache=True, error_model="numpy")
-def judge(twists, banned, rollout, ending, rasters, people, radius, scores):
+def judge(twists, banned, now, numbers, ending, rasters, people, radius, scores):
     """Score velocity commands (twists) by seven critics; lower is better, NaN rejects a twist.
 
     `twists`: shape (n, 2) [m/s, rad/s]. `banned`: flags that reject v < 0, v > 0, w < 0, w > 0, against oscillation.
@@ -189,19 +174,19 @@ def judge(twists, banned, rollout, ending, rasters, people, radius, scores):
     """
     poses = np.empty((1000, 3))
     to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]
-    resolution, ahead = rasters.resolution, rollout.forward_point_distance
+    resolution, ahead = numbers.resolution, numbers.forward_point_distance
     for i in range(twists.shape[0]):
         v, w = twists[i]
         scores[i] = np.nan
         if (v < 0 and banned[0]) or (v > 0 and banned[1]) or (w < 0 and banned[2]) or (w > 0 and banned[3]):
             continue
-        num_steps = roll_out(v, w, rollout, poses)
-        cost = _clearance_cost(poses, num_steps, rasters)
-        if math.isnan(cost) or meets_people(poses, num_steps, people, rollout.sim_time, radius):
+        num_steps = roll_out(v, w, now, numbers, poses)
+        cost = _clearance_cost(poses, num_steps, rasters, resolution)
+        if math.isnan(cost) or meets_people(poses, num_steps, people, numbers.sim_time, radius):
             continue
         x, y, theta = poses[num_steps - 1]
         front_x, front_y = x + ahead * math.cos(theta), y + ahead * math.sin(theta)
-        scores[i, ROTATE_TO_GOAL] = _rotate_to_goal(v, poses, num_steps, rollout, ending)
+        scores[i, ROTATE_TO_GOAL] = _rotate_to_goal(v, poses, num_steps, now, numbers, ending)
         scores[i, OSCILLATION] = 0.0
         scores[i, BASE_OBSTACLE] = cost
         # Unlike in Nav2, the final turn is not biased towards the goal.

@@ -5,21 +5,20 @@ costmap, which draws robots off a path that turns back.
 """
 
 import math
+from dataclasses import asdict, replace
 
 import numpy as np
 
-from lidarnaut.envs.estimation.scan_points import without_bodies
-from lidarnaut.envs.geometry import OCCUPIED, Pose2D, wrap_angle
-from lidarnaut.envs.geometry.distance_transform import squared_distances
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.lines import lengths_along
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
-from ..maps.costmap import CostmapParams, inflate
+from ..maps.costmap import CostmapParams
 from ..maps.planning_params import DwbParams
-from .critics import NUM_CRITICS, Ending, Rasters, RolloutParams, cell_of, judge, spread
+from .critics import NUM_CRITICS, Ending, Rasters, cell_of, judge, spread
 from .local_planner import LocalPlanner
-from .regulated_pursuit import NEAREST_WINDOW, nearest_index
+from .regulated_pursuit import NEAREST_WINDOW, as_record, nearest_index
 
 
 class DwbPlanner(LocalPlanner):
@@ -28,13 +27,21 @@ class DwbPlanner(LocalPlanner):
     turns_at_goal = True
 
     def __init__(self, robot: RobotParams, control_period: float, params: DwbParams = DwbParams()) -> None:
-        self._robot, self._params, resolution = robot, params, params.resolution
-        self._max_v, self._max_w = min(params.max_vel_x, robot.max_v), min(params.max_vel_theta, robot.max_w)
-        self._acc = params.acc_lim_x or robot.max_acc_v, params.acc_lim_theta or robot.max_acc_w
-        self._horizon = self._max_v * params.sim_time + params.forward_point_distance
+        acc_v, acc_w = self._acc = params.acc_lim_x or robot.max_acc_v, params.acc_lim_theta or robot.max_acc_w
+        inflation_radius = params.inflation_radius or robot.radius + 0.48
+        self._params = params = replace(
+            params,
+            max_vel_x=min(params.max_vel_x, robot.max_v),
+            max_vel_theta=min(params.max_vel_theta, robot.max_w),
+            acc_lim_x=acc_v,
+            acc_lim_theta=acc_w,
+            inflation_radius=inflation_radius,
+        )
+        self._radius, self._numbers, resolution = robot.radius, as_record(asdict(params))[0], params.resolution
+        self._horizon = params.max_vel_x * params.sim_time + params.forward_point_distance
         half = math.ceil(max(0.5 * params.width, self._horizon + robot.radius) / resolution)
         # Obstacles may lie anywhere in their cells.
-        radius, inflation_radius = robot.radius + 0.5 * resolution, params.inflation_radius or robot.radius + 0.48
+        radius = robot.radius + 0.5 * resolution
         costmap = CostmapParams(radius, max(radius, inflation_radius), params.cost_scaling_factor)
         self._reach, self._table = costmap.reach(resolution), costmap.table(resolution)
         scales = params.goal_align_scale, params.path_align_scale, params.path_dist_scale, params.goal_dist_scale
@@ -61,20 +68,18 @@ class DwbPlanner(LocalPlanner):
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         params = self._params
         self._index = nearest_index(self._path, pose.x, pose.y, self._index, NEAREST_WINDOW)
-        costs, squared = self._look(without_bodies(obstacles, self.tracks))
+        squared = self._squared_gaps(obstacles, self._side, params.resolution, self._reach)
+        costs = self._table[np.minimum(squared, len(self._table) - 1)]
         to_goal = self._measure(pose, costs)
         self._allow_turning_back(pose)
-        steps = params.sim_time, params.linear_granularity, params.angular_granularity
-        critics = params.forward_point_distance, params.trans_stopped_velocity, params.slowing_factor
-        rollout = RolloutParams(*twist, *self._acc, *steps, *critics)
         is_near = self._heading is not None and to_goal <= self._tolerance
         heading = wrap_angle(self._heading - pose.theta) if self._heading is not None else 0.0
         ending = Ending(is_near, heading, to_goal > params.forward_point_distance)
         twists = self._samples(twist)
         scores = np.empty((len(twists), NUM_CRITICS))
         bans = tuple(banned == sign for banned in self._banned.tolist() for sign in (-1.0, 1.0))
-        rasters = Rasters(costs, squared, self._rasters, params.resolution)
-        judge(twists, bans, rollout, ending, rasters, self.tracks, self._robot.radius, scores)
+        rasters = Rasters(costs, squared, self._rasters)
+        judge(twists, bans, tuple(twist), self._numbers, ending, rasters, self.tracks, self._radius, scores)
         totals = scores @ self._scales
         self.blocked = bool(np.isnan(totals).all())
         if self.blocked:
@@ -90,19 +95,13 @@ class DwbPlanner(LocalPlanner):
         return Twist(v, w)
 
     def _samples(self, twist: Twist) -> np.ndarray:
-        params, (reach_v, reach_w) = self._params, np.multiply(self._acc, self._params.sim_time)
-        lows = max(0.0, min(twist.v - reach_v, self._max_v)), max(-self._max_w, twist.w - reach_w)
-        highs = min(self._max_v, max(twist.v + reach_v, 0.0)), min(self._max_w, twist.w + reach_w)
+        params, (max_v, max_w) = self._params, (self._params.max_vel_x, self._params.max_vel_theta)
+        reach_v, reach_w = np.multiply(self._acc, params.sim_time)
+        lows = max(0.0, min(twist.v - reach_v, max_v)), max(-max_w, twist.w - reach_w)
+        highs = min(max_v, max(twist.v + reach_v, 0.0)), min(max_w, twist.w + reach_w)
         speeds = np.unique(np.append(np.linspace(lows[0], highs[0], params.vx_samples), 0.0))
         rates = np.unique(np.append(np.linspace(lows[1], highs[1], params.vtheta_samples), 0.0))
         return np.stack(np.meshgrid(speeds, rates, indexing="ij"), axis=-1).reshape(-1, 2)
-
-    def _look(self, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        data = np.zeros((self._side, self._side), dtype=np.int8)
-        cells = np.floor(obstacles / self._params.resolution + 0.5 * self._side).astype(np.int64)
-        cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
-        data[cells[:, 1], cells[:, 0]] = OCCUPIED
-        return inflate(data, self._reach, self._table), squared_distances(data > 0, self._reach)
 
     def _measure(self, pose: Pose2D, costs: np.ndarray) -> float:
         side, resolution, ahead = self._side, self._params.resolution, self._params.forward_point_distance

@@ -1,6 +1,8 @@
 import numpy as np
 
+from lidarnaut.envs.estimation.scan_points import without_bodies
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.simulation import Twist
 
 NO_TRACKS = np.empty((0, 5))
@@ -37,3 +39,14 @@ class LocalPlanner:
         so that stops do not depend on the pose estimate.
         """
         raise NotImplementedError(f"{type(self).__name__} must define command(pose, twist, obstacles)")
+
+    def _squared_gaps(self, obstacles: np.ndarray, side: int, resolution: float, reach: int) -> np.ndarray:
+        """Return squared distances to obstacles, without tracked people, shape (side, side), uint16 [cells2].
+
+        The raster has cells of `resolution` [m]. Distances are exact up to `reach` cells.
+        """
+        cells = np.floor(without_bodies(obstacles, self.tracks) / resolution + 0.5 * side).astype(np.int64)
+        cells = cells[((cells >= 0) & (cells < side)).all(axis=1)]
+        is_occupied = np.zeros((side, side), dtype=np.bool_)
+        is_occupied[cells[:, 1], cells[:, 0]] = True
+        return squared_distances(is_occupied, reach)

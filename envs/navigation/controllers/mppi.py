@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.envs.compilation import njit
-from lidarnaut.envs.estimation.scan_points import without_bodies
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
-from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
 from lidarnaut.envs.navigation.controllers.local_planner import LocalPlanner
 from lidarnaut.envs.navigation.controllers.regulated_pursuit import NEAREST_WINDOW, nearest_index
@@ -171,7 +169,7 @@ class MppiPlanner(LocalPlanner):
         self, robot: RobotParams, control_period: float, rng: np.random.Generator, params: MppiParams = MppiParams()
     ) -> None:
         self._numbers = mppi_numbers(robot, control_period, params)
-        self._params, self._horizon = params, params.num_steps * control_period
+        self._horizon = params.num_steps * control_period
         noise = rng.standard_normal((params.num_steps, params.num_samples, 2))
         for t in range(1, params.num_steps):
             noise[t] = params.correlation * noise[t - 1] + math.sqrt(1.0 - params.correlation**2) * noise[t]
@@ -189,7 +187,8 @@ class MppiPlanner(LocalPlanner):
         path = pose.inverse().transform(self.remaining)
         along = lengths_along(path)
         count = max(1, int(np.searchsorted(along, p.max_v * self._horizon + 0.5)))
-        scene = path[:count], along[:count], self._look(obstacles), self.tracks, p
+        squared = self._squared_gaps(obstacles, self._side, p.resolution, self._reach)
+        scene = path[:count], along[:count], squared, self.tracks, p
         self._mean = np.vstack([self._mean[1:], self._mean[-1:]])
         controls = self._mean + self._noise
         controls[1] = 0.0
@@ -210,11 +209,3 @@ class MppiPlanner(LocalPlanner):
         v, w = share * v, share * w
         self.blocked = abs(v) < 0.05 * p.max_v and abs(w) < 0.1 and float(along[-1]) > p.radius
         return Twist(v, w)
-
-    def _look(self, obstacles: np.ndarray) -> np.ndarray:
-        points = without_bodies(obstacles, self.tracks)
-        cells = np.floor(points / self._params.resolution + 0.5 * self._side).astype(np.int64)
-        cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
-        data = np.zeros((self._side, self._side), dtype=np.bool_)
-        data[cells[:, 1], cells[:, 0]] = True
-        return squared_distances(data, self._reach)
