@@ -202,12 +202,6 @@ def _forget(record, obstacles, radius):
 
 
 @njit(cache=True, error_model="numpy")
-def _fail(record, obstacles, numbers):
-    _forget(record, obstacles, numbers.radius)
-    return FAILED
-
-
-@njit(cache=True, error_model="numpy")
 def check_progress(navigators, obstacles, pose, bumper, constants):
     """Return the status of the drive, such as `DRIVING`; begin a recovery behavior after a stall."""
     record, numbers = navigators[0], constants[0]
@@ -216,7 +210,10 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
     if bumper and record.back_steps == 0 and record.turn_steps == 0:
         recover(navigators, points, record.forward == 1, constants)
     if record.recoveries > numbers.max_recoveries:
-        return _fail(record, obstacles, numbers) if record.has_goal else SPUN
+        if record.has_goal:
+            _forget(record, obstacles, numbers.radius)
+            return FAILED
+        return SPUN
     if record.back_steps > 0 or record.turn_steps > 0:
         return DRIVING
     if not record.has_goal:
@@ -227,7 +224,8 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
     # A robot that was stuck before gets full time for a new goal.
     if record.stuck_steps > numbers.stuck_steps and record.steps >= min(numbers.stuck_steps, numbers.max_steps):
         record.stuck_steps = -1
-        return _fail(record, obstacles, numbers)
+        _forget(record, obstacles, numbers.radius)
+        return FAILED
     if record.stall_steps > numbers.stall_steps:
         recover(navigators, points, True, constants)
         if record.marked == 1:  # contacts may enclose the robot

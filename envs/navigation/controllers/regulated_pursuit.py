@@ -107,14 +107,6 @@ def nearest_index(path, x, y, first, window):
 
 
 @njit(cache=True, error_model="numpy")
-def _carrot_index(path, x, y, first, lookahead):
-    for k in range(first, path.shape[0]):
-        if (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2 >= lookahead * lookahead:
-            return k
-    return path.shape[0] - 1
-
-
-@njit(cache=True, error_model="numpy")
 def _distance_to_bend(path, first, chord, angle):
     last = path.shape[0] - 1
     ahead = min(first + chord, last)
@@ -186,7 +178,9 @@ def _room(x, y, obstacles, numbers):
 def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
     c, s = math.cos(theta), math.sin(theta)
     while True:
-        k = _carrot_index(path, x, y, state.index, lookahead)
+        k, last = state.index, path.shape[0] - 1
+        while k < last and (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2 < lookahead * lookahead:
+            k += 1
         dx, dy = path[k, 0] - x, path[k, 1] - y
         ahead, left = c * dx + s * dy, c * dy - s * dx
         free = _free(ahead, left, lookahead, numbers.reach, obstacles, numbers)
