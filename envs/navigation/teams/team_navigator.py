@@ -78,8 +78,9 @@ class TeamNavigator:
                 self._resolve_conflict(robot)
         readings = [self._observe_peers(robot, reading) for robot, reading in zip(self.team, readings, strict=True)]
         for robot in sorted(self.team, key=lambda robot: robot.is_idle):
-            for peer in self._peers_of(robot):
-                robot.learn(beliefs[peer.index])
+            if robot.candidates is not None:  # after `begin`
+                for peer in self._peers_of(robot):
+                    robot.integrate(beliefs[peer.index])
             if robot.advance(readings[robot.index], beliefs[robot.index], is_asked=is_asked or bool(due)):
                 due.append(robot)
         return due

@@ -132,11 +132,6 @@ class TeamRobot(FrontierNavigator):
         self.outcome = self.update(reading, belief, others)
         return self.outcome is not None
 
-    def learn(self, belief: Belief) -> None:
-        """Update the planning map with changes by another robot's scan."""
-        if self.candidates is not None:
-            self.integrate(belief)
-
     def refresh(self, reading: Reading, belief: Belief) -> None:
         """Find reachable frontiers during a drive. Choosing one of them does not restart the drive's time limits."""
         self._keeps_clocks = True
