@@ -162,7 +162,7 @@ class OracleExplorer(Explorer):
         x, y, _ = self._start.compose(pose)
         goal = planner.next_viewpoint(x, y, LOOKAHEAD)
         point = self._start.inverse().transform(planner.viewpoints.points[goal])
-        for level in range(planning.max_level + 1):
+        for level in range(len(planning.tables)):
             costmap = planning.costmap(level, pose, self._navigator.obstacles)
             path = plan_path(costmap, pose[:2], tuple(point.tolist()), tolerance=GOAL_TOLERANCE)
             if path is not None:

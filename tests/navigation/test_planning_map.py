@@ -83,7 +83,7 @@ def test_windows_give_what_the_whole_map_gives(robot, seed):
             ignored = np.concatenate([ignored, points])
         if step % 3:
             continue
-        level = int(rng.integers(planning.max_level + 1)) if step % 2 else 0
+        level = int(rng.integers(len(planning.tables))) if step % 2 else 0
         pose = Pose2D(*(grid.origin + rng.uniform(0.0, 5.0, 2)).tolist(), float(rng.uniform(-3.0, 3.0)))
         obstacles = rng.uniform(-3.0, 3.0, (20, 2))
         layer = planning.layer(level, pose, obstacles)

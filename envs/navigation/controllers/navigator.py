@@ -147,19 +147,19 @@ class Navigator:
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         self.record["index"] = 0
 
-    def apply_correction(self, correction: Correction) -> None:
-        """Transform path, goal and the point to face at the goal by a map correction, such as a loop closure."""
-        if not self.has_goal:
-            return
+    def follow_redrawn_map(self, correction: Correction | None) -> None:
+        """Transform path, goal and the point to face at the goal by a map correction, such as a loop closure.
+
+        The next `update` reports that replanning is due.
+        """
         record, first = self.record, int(self.record["index"])
+        record["planned"] = record["steps"] - self.numbers["replan_steps"]
+        if correction is None or not self.has_goal:
+            return
         self._path = np.concatenate([self._path[:first], correction.apply(self._path[first:])])
         for x, y in (("goal_x", "goal_y"), ("view_x", "view_y")):
             if math.isfinite(record[x]):
                 record[x], record[y] = correction.apply(np.array([(record[x], record[y])]))[0]
-
-    def plan_anew(self) -> None:
-        """Make the next `update` report that replanning is due."""
-        self.record["planned"] = self.record["steps"] - self.numbers["replan_steps"]
 
     def spin(self, angle: float = 2.0 * math.pi) -> None:
         """Turn on the spot by an angle [rad], counter-clockwise, instead of driving."""

@@ -173,7 +173,8 @@ class FrontierNavigator:
         self._num_exits = 0 if self._has_start else self._num_exits + 1
         if self._has_start or self._num_exits > MAX_EXITS:
             return False
-        costmap, least = self.map.costmap(self.map.max_level, pose), float(self.navigator.numbers["goal_tolerance"])
+        costmap = self.map.costmap(len(self.map.tables) - 1, pose)
+        least = float(self.navigator.numbers["goal_tolerance"])
         found = exits(costmap, pose, self.navigator.obstacles, EXIT_REACH, least + self.map.side)
         if found:
             self.navigator.drive_to(found[0])
@@ -235,7 +236,7 @@ class FrontierNavigator:
 
     def free_costmap(self, pose: Pose2D) -> Costmap:
         """Return the costmap for the largest footprint radius without a collision at a pose."""
-        for level in range(self.map.max_level + 1):
+        for level in range(len(self.map.tables)):
             costmap = self.map.costmap(level, pose, self._obstacles, self.bodies)
             if costmap.costs[self.map.cell(pose.x, pose.y)] < COST_INSCRIBED:
                 break
@@ -252,8 +253,7 @@ class FrontierNavigator:
                 if self.target is not None:
                     x, y = correction.apply(np.array([self.target]))[0].tolist()
                     self.target = (x, y)
-                self.navigator.apply_correction(correction)
-            self.navigator.plan_anew()
+            self.navigator.follow_redrawn_map(correction)
         self.map.update(belief.grid, update.window, redrawn=update.redrawn)
         self._has_changed |= update.window is not None or update.redrawn
 
@@ -301,7 +301,7 @@ class FrontierNavigator:
         planning = self.map
         planning.refresh()
         self._has_start = False
-        for level in range(planning.max_level + 1):
+        for level in range(len(planning.tables)):
             layer = planning.layer(level, pose, self._obstacles, self.bodies)
             cells, parts = self._frontiers(layer)
             start = self._start_cell(layer, pose)

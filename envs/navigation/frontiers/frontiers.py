@@ -200,7 +200,8 @@ def is_visible(data, row0, col0, row1, col1):
 def is_frontier_near(data, block, ignored, row, col, reach):
     """Return True if a frontier cell is within `reach` planning cells (blocks of map cells) of (row, col).
 
-    `data`: occupancy of the map, int8. `block`: side of a planning cell [map cells].
+    Faster than an update of the whole frontier. `data`: occupancy of the map, int8. `block`: side of a planning cell
+    [map cells].
     """
     height, width = ignored.shape
     top, left = max(row - reach - 1, 0), max(col - reach - 1, 0)

@@ -239,17 +239,14 @@ class GoalNavigator(Explorer):
                 self._allow_unknown = belief.grows
             planning = self.planning or (ON_GROWING_MAPS if self._allow_unknown else ON_KNOWN_MAPS)
             self.map = PlanningMap(self._robot, belief.grid.resolution, planning)
-        if self._allow_unknown and self.goal is not None and not self._is_inside(belief.pose):
-            self.map.reach_beyond([self.goal, belief.pose[:2]], self._margin)
+        if self._allow_unknown and self.goal is not None:
+            (row, col), (height, width) = self.map.cell(*belief.pose[:2]), self.map.occupancy.shape
+            edge = MIN_EDGE_DISTANCE / self.map.side
+            if not (edge < row < height - edge and edge < col < width - edge):
+                self.map.reach_beyond([self.goal, belief.pose[:2]], self._margin)
         self._attempt.has_path &= not update.redrawn
         self.map.update(belief.grid, update.window, redrawn=update.redrawn)
         return self.map
-
-    def _is_inside(self, pose: Pose2D) -> bool:
-        assert self.map is not None
-        (row, col), (height, width) = self.map.cell(*pose[:2]), self.map.occupancy.shape
-        edge = MIN_EDGE_DISTANCE / self.map.side
-        return bool(edge < row < height - edge and edge < col < width - edge)
 
     def _decide(self, reading: Reading, belief: Belief, planning: PlanningMap) -> Twist:
         pose, navigator = belief.pose, self._navigator
@@ -346,7 +343,7 @@ class GoalNavigator(Explorer):
         assert self.goal is not None
         assert self.target is not None
         allow_unknown = self._allow_unknown
-        levels = range(planning.max_level + 1)
+        levels = range(len(planning.tables))
         num_fitting = NUM_FITTING if allow_unknown else len(levels)
         attempts = *product((False, True), levels[:num_fitting]), *product((True,), levels[num_fitting:])
         for forget, self._attempt.level in attempts:

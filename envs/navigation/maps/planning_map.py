@@ -143,7 +143,7 @@ class PlanningMap:
     ) -> CostLayer:
         """Return costmap and path search weights for a footprint radius, including visible obstacles.
 
-        `level`: index of the radius, from 0 to `max_level`. `obstacles`: scanned points, ignored near occupied map
+        `level`: index of the radius, in `tables`. `obstacles`: scanned points, ignored near occupied map
         cells. `bodies`: obstacle points that are never ignored. Both: shape (n, 2), float64, base frame [m].
         """
         self.refresh()
@@ -165,11 +165,6 @@ class PlanningMap:
             arrays = layer.costs, layer.open_weights
             update_costs(self.occupancy, self.marks, missed, unmapped, tables, *arrays, window)
         return layer
-
-    @property
-    def max_level(self) -> int:
-        """Index of the smallest footprint radius in `tables`."""
-        return len(self.tables) - 1
 
     @property
     def grid(self) -> OccupancyGrid:
