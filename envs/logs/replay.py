@@ -1,9 +1,10 @@
-"""Run a SLAM on the log of a real robot: `python -m lidarnaut.envs.logs.replay LOG --relations FILE --out DIR`."""
+"""Run SLAMs on the log of a real robot: `python -m lidarnaut.envs.logs.replay LOG --relations FILE --out DIR`."""
 
 import dataclasses
 import json
 import logging
 import math
+import re
 import sys
 from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
@@ -26,28 +27,29 @@ from lidarnaut.envs.slam import DEFAULT_SLAM, SLAM_NAMES, base_name, load_params
 from .log import Log, load_log
 from .relations import load_labelled
 from .runs import MAX_CONFLICTS, Run, measure, replay, save_replay
+from .trajectory import SCALE_T
 
 TRUTH = "truth"
 SPARSE = 0.5
 """The preset `sparse` is suggested from this median distance between scans [m]."""
 NOTABLE_SCALE, MAX_SCALE_ERROR = 0.01, 0.05
 """Differences of scale between odometry and map are reported from the first, and distrusted from the second."""
-MAX_SCALE_STD, MIN_PATH = 0.003, 30.0
-"""Maximum standard error of the factor of distances on paths of at least `MIN_PATH` [m]. Simulated house: 0.0003 to
-0.0023 for right maps, 0.0044 to 0.04 for maps that shrink; Intel Research Lab, right maps: 0.0012 to 0.0015."""
+MAX_SCALE_STD = 0.005
+"""Maximum standard error of the factor of distances. Simulated house: 0.0013 to 0.0044 for right maps, 0.0033 to 0.032
+for maps that shrink; Intel Research Lab, right maps: at most 0.0021."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options for running a SLAM on the log of a real robot."""
+    """Options for running SLAMs on the log of a real robot."""
 
     log: Annotated[Path, tyro.conf.Positional]
     """Log: arrays (.npz), CARMEN text (.log, .log.gz, .clf), or ROS bag (.bag, .mcap, folder)."""
-    slam: str = DEFAULT_SLAM
-    """SLAM name (`odometry` maps at odometry poses), also with parameters, such as `hector?preset=sparse,num_levels=3`;
-    `all`; or `module:attribute` of your own SLAM."""
+    slam: Annotated[str | tuple[str, ...], tyro.conf.arg(constructor=tuple[str, ...])] = (DEFAULT_SLAM,)
+    """SLAMs, compared in a table if several: names (`odometry` maps at odometry poses), also with parameters, such as
+    `hector?preset=sparse,num_levels=3`, `module:attribute` of your own, or `all` for those of the package."""
     preset: str = "default"
-    """Parameter preset of the SLAM, or YAML file; `sparse` for scans about one metre apart, `intel` for the Intel
+    """Parameter preset of the SLAMs, or YAML file; `sparse` for scans about one metre apart, `intel` for the Intel
     Research Lab log."""
     change: dict[str, str] = field(default_factory=dict)
     """SLAM parameters to change, as `KEY VALUE` pairs."""
@@ -89,7 +91,7 @@ class Options:
 
 
 def main(options: Options) -> list[Run]:
-    """Run a SLAM on a log and print the results.
+    """Run one or more SLAMs on a log and print the results.
 
     Raises:
         ValueError: invalid input, or insufficient memory.
@@ -115,10 +117,13 @@ def main(options: Options) -> list[Run]:
     if (step := log.step_length) >= SPARSE and options.preset != "sparse":
         tqdm.write(f"sparse log: {step:.2f} m between scans (median); `--preset sparse` searches farther")
     relations = {} if options.relations is None else load_labelled(options.relations)
-    names = [name for name in SLAM_NAMES if name != TRUTH] if options.slam == "all" else [options.slam]
+    groups, given = {"all": [name for name in SLAM_NAMES if name != TRUTH]}, options.slam
+    given = (given,) if isinstance(given, str) else given
+    if not (names := [*dict.fromkeys(one for name in given for one in groups.get(name, [name]))]):
+        raise ValueError(f"slam needs one name or more: all, {', '.join(SLAM_NAMES)}, or module:attribute")
     runs: list[Run] = []
     for name in names:
-        out = options.out / name if options.out and len(names) > 1 else options.out
+        out = options.out / re.sub(r"[^\w.-]+", "_", name) if options.out and len(names) > 1 else options.out
         try:
             runs += _run(name, options, log, relations, out)
         except MemoryError as error:
@@ -161,7 +166,7 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
         tqdm.write(_line(run))
         if complaint := _complaint(run):
             tqdm.write(f"warning: {complaint}")
-        elif abs(run.odometry_scales[0] - 1.0) > 2.0 * run.scale_std + NOTABLE_SCALE:
+        elif abs(run.odometry_scales[0] - 1.0) > SCALE_T * run.scale_std + NOTABLE_SCALE:
             tqdm.write(f"scale of {run.slam}: {_scale(run)}; compare the map with a measured length")
         if out is not None:
             save_replay(out, log, slam, seed, replayed)
@@ -184,7 +189,7 @@ def _line(run: Run) -> str:
     line += "".join(f"; {label} {error}" for label, error in run.errors.items())
     line += "" if run.loop_closures is None else f"; {run.loop_closures} loop closures"
     line += "; odometry fits best with distances x {:.3f} and turns x {:.3f}".format(*run.odometry_scales)
-    line += "" if math.isnan(run.scale_std) else f" (95 %: distances +- {2.0 * run.scale_std:.3f})"
+    line += "" if math.isnan(run.scale_std) else f" (95 %: distances +- {SCALE_T * run.scale_std:.3f})"
     return f"{line}; lost at {100 * run.lost_share:.1f} % of scans, {100 * run.conflict_share:.1f} % of beams conflict"
 
 
@@ -197,15 +202,15 @@ def _complaint(run: Run) -> str | None:
     elif run.conflict_share > MAX_CONFLICTS:
         limit = f"consistent maps: at most {100 * MAX_CONFLICTS:.0f} %"
         causes.append(f"{100 * run.conflict_share:.1f} % of the beams pass through walls of its map ({limit})")
-    if run.path_length >= MIN_PATH and run.scale_std > MAX_SCALE_STD:
+    if run.scale_std > MAX_SCALE_STD:
         causes.append(f"its scale varies along the path: {_scale(run)}")
-    elif abs(run.odometry_scales[0] - 1.0) > MAX_SCALE_ERROR > 2.0 * run.scale_std:
+    elif abs(run.odometry_scales[0] - 1.0) > MAX_SCALE_ERROR > SCALE_T * run.scale_std:
         causes.append(f"its scale or odometry's is wrong: {_scale(run)}")
     return f"do not trust {run.slam}, seed {run.seed}: {'; '.join(causes)}" if causes else None
 
 
 def _scale(run: Run) -> str:
-    return f"distances are {run.odometry_scales[0]:.3f} +- {2.0 * run.scale_std:.3f} times those of odometry"
+    return f"distances are {run.odometry_scales[0]:.3f} +- {SCALE_T * run.scale_std:.3f} times those of odometry"
 
 
 def _median_errors(runs: list[Run]) -> dict[str, np.ndarray]:

@@ -67,7 +67,7 @@ class Run:
     odometry_scales: tuple[float, float] = (math.nan, math.nan)
     """Factors of distances and turns that fit odometry to the estimated poses best."""
     scale_std: float = math.nan
-    """Standard error of the factor of distances, from its changes along the path; NaN for a few steps."""
+    """Standard error of the factor of distances, from its changes along the path; NaN for paths below 38 m."""
     path_length: float = math.nan
     """Length of the path by odometry [m]."""
     loop_closures: int | None = None

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,11 @@ MAX_GLITCH = 2.0
 """Maximum duration of an odometry glitch that is interpolated [s]."""
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
 """Odometry does not cover gaps that last longer than this time [s] while the robot moves farther than this [m, rad]."""
-NUM_PARTS = 20
-"""Number of parts of a path whose scales are compared."""
+SPAN_LENGTH, SPAN_TURN = 4.0, 1.0
+"""Path [m] and rotation [rad] over which motions of odometry and of a trajectory are compared."""
+NUM_PARTS, SCALE_T = 5, 2.776
+"""Number of parts of a path whose scales are compared, and the factor of a 95 % interval (Student's t, 4 degrees of
+freedom). Errors of a map are correlated over many metres: more parts give too narrow intervals."""
 
 
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
@@ -41,28 +45,46 @@ def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.
 def odometry_scales(odometry: np.ndarray, poses: np.ndarray) -> tuple[float, float]:
     """Return the factors of distances and of turns that fit odometry to a trajectory best (least squares).
 
-    Both: shape (n, 3), at the same times. NaN if the robot has not driven, or not turned.
+    They compare displacements over spans of `SPAN_LENGTH`, and turns over `SPAN_TURN`: SLAMs follow odometry from one key
+    scan to the next, and then correct the pose. Both: shape (n, 3), at the same times. NaN if the robot has not driven,
+    or not turned.
     """
-    motions = (between_poses(each[:-1], each[1:])[:, [0, 2]].T for each in (odometry, poses))
-    (length, turn), (true_length, true_turn) = motions
+    shift, true_shift = (each.ravel() for each in _displacements(odometry, poses))
+    turns = [between_poses(each[:-1], each[1:])[:, 2] for each in (odometry, poses)]
+    rows = _spans(turns[0], SPAN_TURN)
+    turn, true_turn = (np.diff(np.concatenate([[0.0], np.cumsum(each)])[rows]) for each in turns)
     with np.errstate(invalid="ignore"):
-        return float(length @ true_length / (length @ length)), float(turn @ true_turn / (turn @ turn))
+        return float(shift @ true_shift / (shift @ shift)), float(turn @ true_turn / (turn @ turn))
 
 
 def scale_std(odometry: np.ndarray, poses: np.ndarray) -> float:
-    """Return the standard error of the factor of distances of `odometry_scales`.
+    """Return the standard error of the factor of distances of `odometry_scales`; its 95 % interval is `SCALE_T` times.
 
-    It follows from the residuals, summed over `NUM_PARTS` parts of the path of equal length, as errors are correlated
-    (Liang and Zeger, "Longitudinal data analysis", 1986). NaN if the robot moves in fewer steps than parts.
+    It follows from the residuals, summed over `NUM_PARTS` parts of the path, as errors are correlated along the path
+    (Liang and Zeger, "Longitudinal data analysis", 1986). NaN for fewer than two spans per part.
     """
-    length, true_length = (between_poses(each[:-1], each[1:])[:, 0] for each in (odometry, poses))
-    path = np.cumsum(np.abs(length))
-    if np.count_nonzero(length) < NUM_PARTS:
+    shift, true_shift = _displacements(odometry, poses)
+    if len(shift) < 2 * NUM_PARTS:
         return math.nan
-    parts = np.minimum(path / path[-1] * NUM_PARTS, NUM_PARTS - 1).astype(np.int64)
-    scale = length @ true_length / (length @ length)
-    residuals = np.bincount(parts, length * (true_length - scale * length))
-    return float(np.sqrt(residuals @ residuals) / (length @ length))
+    parts, whole = np.arange(len(shift)) * NUM_PARTS // len(shift), np.sum(shift * shift)
+    scale = np.sum(shift * true_shift) / whole
+    residuals = np.bincount(parts, np.sum(shift * (true_shift - scale * shift), axis=1))
+    return float(np.sqrt(residuals @ residuals * NUM_PARTS / (NUM_PARTS - 1)) / whole)
+
+
+def _displacements(odometry: np.ndarray, poses: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield displacements over the spans of a path, shape (spans, 2) [m], by odometry with the poses' headings, and by
+    the poses."""
+    steps, c, s = between_poses(odometry[:-1], odometry[1:]), np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
+    path = np.cumsum([c * steps[:, 0] - s * steps[:, 1], s * steps[:, 0] + c * steps[:, 1]], axis=1).T
+    rows = _spans(steps[:, 0], SPAN_LENGTH)
+    return (np.diff(each[rows], axis=0) for each in (np.pad(path, ((1, 0), (0, 0))), poses[:, :2]))
+
+
+def _spans(steps: np.ndarray, size: float) -> np.ndarray:
+    """Return the rows that divide a path into parts of equal length, about `size`, as measured by absolute `steps`."""
+    path = np.concatenate([[0.0], np.cumsum(np.abs(steps))])
+    return np.unique(np.searchsorted(path, np.linspace(0.0, path[-1], max(round(path[-1] / size), 1) + 1)))
 
 
 def find_gaps(times: np.ndarray, poses: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -277,7 +277,7 @@ def test_the_scale_of_a_map_is_compared_with_that_of_odometry(tmp_path, capsys, 
 
 def test_replay_begins_with_the_slam_of_environments_and_no_preset_of_one_log(log):
     options = tyro.cli(Options, args=[str(log)])
-    assert (options.slam, options.preset) == (DEFAULT_SLAM, "default")
+    assert (options.slam, options.preset) == ((DEFAULT_SLAM,), "default")
 
 
 @needs_intel
