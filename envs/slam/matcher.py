@@ -5,7 +5,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from lidarnaut.envs.compilation import njit
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.estimation.scan_points import project_hits
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.lookup import load
 
 from .grid_map import COUNT_BITS
@@ -128,3 +129,19 @@ def match(words, points, num_points, pose, params, noise, trace):
         if failed > params.max_failed // 3:
             spread, failed = 0.5 * spread, 0
     return Search(best_x, best_y, best_theta, best, tried, accepted)
+
+
+@njit(cache=True, error_model="numpy")
+def match_scan(ranges, geometry, words, corner, pose, params, noise, points, trace):
+    """Match a scan, shape (num_beams,), float32 [m], to a map by sampling around a predicted pose, map frame.
+
+    Returns pose, number of samples, improvement flag, and number of scan points.
+    """
+    resolution = geometry.resolution
+    count = project_hits(ranges, geometry, points)
+    start = (pose[0] / resolution - corner[0], pose[1] / resolution - corner[1], pose[2])
+    found = match(words, points, count, start, params, noise, trace)
+    if found.accepted == 0:
+        return (pose[0], pose[1], pose[2]), found.tried, False, count
+    x, y = (found.x + corner[0]) * resolution, (found.y + corner[1]) * resolution
+    return (x, y, wrap_angle(found.theta)), found.tried, True, count

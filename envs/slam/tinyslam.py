@@ -7,7 +7,7 @@ from lidarnaut.envs.robots import LidarParams
 
 from .grid_map import FULL_OCCUPANCY, GridMap, unvisited_word
 from .key_scans import KeyScanSlam
-from .matcher import SearchParams, match
+from .matcher import SearchParams, match_scan
 from .matching.correlative import search_window
 from .matching.covariance import NoiseRecord, motion_stds
 from .matching.gauss_newton import known_score_at
@@ -105,25 +105,23 @@ class TinySlam(KeyScanSlam):
             if self.slip > 0.0:
                 search = search._replace(sigma_xy=max(search.sigma_xy, 0.5))
         self.rng.standard_normal(out=self._noise)
-        num_hits = project_hits(ranges, self.map.geometry, self._points)
-        pose = *self.map.to_cells(start.x, start.y), start.theta
-        found = match(self.map.words, self._points, num_hits, pose, search, self._noise, self._trace)
+        over = (self.map.geometry, self.map.words, self.map.corner, tuple(start))
+        work = (search, self._noise, self._points, self._trace)
+        pose, num_tried, is_better, num_hits = match_scan(ranges, *over, *work)
         if self.observers:
-            rows = self._trace[: found.tried + 1].tolist()
-            poses = [start, *(self._in_map(*row[:3]) for row in rows[1:])]
+            rows, to_metres = self._trace[: num_tried + 1].tolist(), self.map.to_metres
+            poses = [start, *(Pose2D(*to_metres(x, y), wrap_angle(theta)) for x, y, theta, _, _ in rows[1:])]
             costs = [num_hits - row[3] / FULL_OCCUPANCY for row in rows]
             tested = list(zip(poses, costs))
             for observer in self.observers:
                 observer(start, tested, min(tested, key=lambda one: one[1]))
-        return self._in_map(found.x, found.y, found.theta) if found.accepted else start
-
-    def _in_map(self, x: float, y: float, theta: float) -> Pose2D:
-        return Pose2D(*self.map.to_metres(x, y), wrap_angle(theta))
+        return Pose2D(*pose) if is_better else start
 
     def _search_window(self, ranges: np.ndarray, predicted: Pose2D) -> Pose2D:
         count, std = project_hits(ranges, self.map.geometry, self._points), self.slip / self.params.resolution
         start = *self.map.to_cells(predicted.x, predicted.y), predicted.theta
-        return self._in_map(*search_window(self.map.grid.data, 1.0, self._points, count, start, (std, 0.0), 50))
+        x, y, theta = search_window(self.map.grid.data, 1.0, self._points, count, start, (std, 0.0), 50)
+        return Pose2D(*self.map.to_metres(x, y), wrap_angle(theta))
 
     def _weighted_search(self, predicted: Pose2D) -> SearchParams:
         params, last = self.params, self._last_matched_pose()
