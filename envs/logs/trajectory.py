@@ -45,9 +45,9 @@ def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.
 def odometry_scales(odometry: np.ndarray, poses: np.ndarray) -> tuple[float, float]:
     """Return the factors of distances and of turns that fit odometry to a trajectory best (least squares).
 
-    They compare displacements over spans of `SPAN_LENGTH`, and turns over `SPAN_TURN`: SLAMs follow odometry from one key
-    scan to the next, and then correct the pose. Both: shape (n, 3), at the same times. NaN if the robot has not driven,
-    or not turned.
+    They compare displacements over spans of `SPAN_LENGTH`, and turns over `SPAN_TURN`: SLAMs follow odometry from one
+    key scan to the next, and then correct the pose. Both: shape (n, 3), at the same times. NaN if the robot has not
+    driven, or not turned.
     """
     shift, true_shift = (each.ravel() for each in _displacements(odometry, poses))
     turns = [between_poses(each[:-1], each[1:])[:, 2] for each in (odometry, poses)]
@@ -73,8 +73,10 @@ def scale_std(odometry: np.ndarray, poses: np.ndarray) -> float:
 
 
 def _displacements(odometry: np.ndarray, poses: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield displacements over the spans of a path, shape (spans, 2) [m], by odometry with the poses' headings, and by
-    the poses."""
+    """Return displacements over the spans of a path by odometry, then by poses, shape (spans, 2) [m].
+
+    Steps of odometry have the headings of `poses`.
+    """
     steps, c, s = between_poses(odometry[:-1], odometry[1:]), np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
     path = np.cumsum([c * steps[:, 0] - s * steps[:, 1], s * steps[:, 0] + c * steps[:, 1]], axis=1).T
     rows = _spans(steps[:, 0], SPAN_LENGTH)
