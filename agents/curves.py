@@ -46,7 +46,8 @@ def check_rows(rows: Sequence[Row]) -> None:
         for row in rows:
             int(row["steps"]), str(row["policy"])
             numbers = [row[name] for name in ("progress", "success", headline_of_rows(rows))]
-            np.array([*numbers, *str(row[SCORES]).split()], dtype=np.float64)
+            if not (scores_of(row).size and np.isfinite([*map(float, numbers), *scores_of(row)]).all()):
+                raise ValueError("progress, success, headline measure and scores must be finite numbers")
     except (KeyError, ValueError, OverflowError) as error:
         raise ValueError(f"evaluations have a damaged row: {type(error).__name__}: {error}") from error
 
@@ -110,9 +111,10 @@ def draw_learning_curve(rows: Sequence[Row], title: str, path: Path, axis: str =
         axes.xaxis.set_major_locator(MaxNLocator(6))
         axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         names = {"progress": "completed share of the task", "success": "share of goals reached"}
-        names |= {"sct": "success weighted by completion time (SCT)"}
+        names |= {"sct": "success weighted by completion time (SCT)", "spl": "success weighted by path length (SPL)"}
         axes.set_ylabel(names.get(measure, measure.replace("_", " ")))
-        axes.set_ylim(bottom=0, top=1 if measure == share else None)
+        low, high = axes.get_ylim()  # with a margin
+        axes.set_ylim(min(low, 0.0), max(high, 1.0) if measure == share else high)
         axes.grid(alpha=0.3)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5)
     _save(figure, path)

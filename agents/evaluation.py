@@ -18,7 +18,7 @@ from lidarnaut.agents.vec_env import Observations, make_env, make_vector
 from lidarnaut.baselines.episode import decide_with, prepare, run_episode
 from lidarnaut.baselines.policy import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
-from lidarnaut.envs.files import read_json, write_file
+from lidarnaut.envs.files import parse_record, read_json, write_file
 from lidarnaut.envs.measures import EpisodeHistory, HistoryRecorder, headline_of, measures_of
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.worlds.library import Split
@@ -70,7 +70,7 @@ class Evaluator:
         total = self._episodes[split]
         if split not in self._vectors:
             self._vectors[split] = make_vector(self._environment, split, total)
-        with Progress(total=total, desc=split, unit="episode", leave=False, disable=not progress) as bar:
+        with Progress(total=total, desc=split, unit="episode", leave=False, disable=not progress, miniters=0) as bar:
             vector, act, seed = self._vectors[split], Actor(policy), FIRST_SEED[split]
             histories = run_episodes(vector, act, self._max_speed, seed, bar)
         return self.summarise(marked(LEARNED, None, self._env), split, list(map(self.measure, histories)))
@@ -82,8 +82,7 @@ class Evaluator:
         episodes, which are not repeated.
         """
         path, number, rows = run / REFERENCES, self._episodes[TEST], list[Row]()
-        done = read_json(path) if path.exists() else {}
-        total = len(names) * number
+        done, total = self.finished_references(run), len(names) * number
         with Progress(total=total, desc="references", unit="episode", leave=False, disable=not progress) as bar:
             for name, label in names.items():
                 values = done.setdefault(name, [])
@@ -94,6 +93,26 @@ class Evaluator:
                     bar.update()
                 rows.append({"steps": 0, **self.summarise(label, TEST, values[:number])})
         return rows
+
+    def finished_references(self, run: Path) -> dict[str, list[dict[str, float]]]:
+        """Read the measures of finished episodes by policy from `REFERENCES`; raise ValueError if damaged."""
+        if not (path := run / REFERENCES).exists():
+            return {}
+        try:
+            done = parse_record(read_json(path), str(path), dict[str, list[dict[str, float]]])
+            for name, episodes in done.items():
+                for episode in episodes:
+                    self._check(episode, f"{path}: an episode of {name}")
+        except ValueError as error:
+            how = "allowed are lists of episodes by policy, with numbers by measure; without the file, references rerun"
+            raise ValueError(f"{str(error).splitlines()[0]}; {how}") from error
+        return done
+
+    def _check(self, episode: Mapping[str, float], where: str) -> None:
+        finite = "progress", "success", self.headline.name
+        for name in ("progress", *(one.name for one in self.measures)):
+            if name not in episode or (name in finite and not math.isfinite(episode[name])):
+                raise ValueError(f"{where} has no {'finite ' * (name in finite)}{name}: {episode.get(name)}")
 
     def make_reference(self, name: str) -> Policy:
         """Return a policy by name; raise ValueError if unknown, see `lidarnaut.make_policy`."""
@@ -113,13 +132,14 @@ class Evaluator:
         """Return task progress and performance measures of an episode by name.
 
         Infinite times, such as the time to a coverage that is never reached, are replaced by the time limit; infinite
-        distances by the distance at maximum speed.
+        distances by the distance at maximum speed. Raises ValueError if progress or headline measure are not finite.
         """
         speeds = {"time_limit": 1.0, "distance_limit": self._max_speed}
         values = {"progress": float(np.mean(history.final[self.progress]))}
         for measure in self.measures:
             limit = speeds.get(measure.limit, math.inf) * history.time_limit
             values[measure.name] = float(min(measure.compute(history), limit))
+        self._check(values, "an episode")
         return values
 
     def summarise(self, policy: str, split: str, episodes: Sequence[Mapping[str, float]]) -> Row:
@@ -145,7 +165,8 @@ def run_episodes(
     """Run one episode in each sub-environment; return the recorded `info` entries of each episode.
 
     Sub-environment i has seed `seed` + i. `act`: function that returns actions for observations and flags of episode
-    starts, shape (num_envs,), bool. `max_speed`: maximum speed of the robot [m/s]. `bar`: counts finished episodes.
+    starts, shape (num_envs,), bool. `max_speed`: maximum speed of the robot [m/s]. `bar`: counts finished episodes and
+    shows the simulated time of running ones.
     """
     observations, info = vector.reset(seed=seed)
     limits = vector.call("time_limit")  # type: ignore[attr-defined]
@@ -162,5 +183,7 @@ def run_episodes(
             if starts[i]:
                 histories[i] = recorders[i].history(finals[i], float(limits[i]), max_speed)
         if bar is not None:
+            time = max((float(infos[i]["time"]) for i in range(vector.num_envs) if i not in histories), default=0.0)
+            bar.set_postfix_str(f"{time:.0f} of at most {max(limits):.0f} s simulated", refresh=False)
             bar.update(len(histories) - bar.n)
     return [histories[i] for i in range(vector.num_envs)]

@@ -82,6 +82,7 @@ def run_training(
             prepare_folder(run, config)
             if evaluation_environment(config).arguments != evaluation_environment(before.config).arguments:
                 (run / REFERENCES).unlink(missing_ok=True)
+            evaluator.finished_references(run)  # A damaged file is found before the first step.
         write_reward(run, config)
         number = config.evaluation.test_episodes or config.evaluation.episodes
         LOGGER.info("test after the training: %d episodes each of %s", number, ", ".join(("the best", *references)))

@@ -11,7 +11,7 @@ from stable_baselines3.common.logger import KVWriter, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
 from lidarnaut.agents.recipes import flat
-from lidarnaut.envs.files import read_json, read_mapping, write_file
+from lidarnaut.envs.files import parse_record, read_json, read_mapping, write_file
 
 RUN_IDS = "loggers.json"
 """File of a run folder with the ids of the run in Weights & Biases and MLflow, which a resumed training continues."""
@@ -35,9 +35,10 @@ class Tracker(KVWriter):
 
     def __init__(self, run: Path, purge_step: int | None) -> None:
         self._package: Any = importlib.import_module(self.name)
-        ids = read_json(run / RUN_IDS) if (run / RUN_IDS).exists() else {}
+        file = run / RUN_IDS
+        ids = parse_record(read_json(file), str(file), dict[str, str]) if file.exists() else {}
         ids[self.name] = self._begin(run.name, read_mapping(run / "config.yaml"), ids.get(self.name))
-        write_file(run / RUN_IDS, json.dumps(ids))
+        write_file(file, json.dumps(ids))
 
     def write(self, key_values: dict[str, Any], key_excluded: dict[str, Any], step: int = 0) -> None:
         numbers = {key: float(one) for key, one in key_values.items() if isinstance(one, int | float | np.number)}

@@ -48,7 +48,7 @@ def count_done(path: Path) -> int:
 
 def find_best(run: Path) -> Path | None:
     """Return the best checkpoint folder of a run by the validation episodes; None if unknown."""
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, OverflowError):
         path = run / "checkpoints" / f"step_{int(read_json(run / 'checkpoints' / BEST)['step']):09d}"
         return path if path.is_dir() else None
     return None

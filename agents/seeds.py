@@ -129,8 +129,8 @@ def is_finished(member: Member) -> bool:
     """Return True if a training run is finished, and its result measured."""
     config, run = member.config, member.run
     if isinstance(config, EvolutionConfig):
-        record = run / POLICY / "policy.json"
-        return record.exists() and read_json(record)["generation"] >= config.generations
+        generation = read_json(record).get("generation") if (record := run / POLICY / "policy.json").exists() else None
+        return isinstance(generation, int) and generation >= config.generations
     return bool(list_checkpoints(run)) and count_done(run) >= config.total_steps and is_measured(run)
 
 

@@ -126,12 +126,6 @@ def paired_ratio(a: Strata, b: Strata) -> Estimate:
     return Estimate(middle, low, high, logs.n)
 
 
-def probability_of_improvement(a: Strata, b: Strata, higher_is_better: bool) -> Estimate:
-    """Return the share of paired episodes with a better value in `a` than in `b`; ties count as half."""
-    sign = 1.0 if higher_is_better else -1.0
-    return estimate([0.5 + 0.5 * np.sign(sign * (x - y)) for x, y in zip(a, b, strict=True)], statistic=np.mean)
-
-
 def curve_band(strata: Strata) -> Band:
     """Return the average curve of all episodes (interquartile mean at each point) with 95 % bootstrap interval.
 

@@ -225,7 +225,7 @@ class _Training:
     def _restore(self, folder: Path) -> None:
         try:
             tensors = safetensors.torch.load(read_bytes(folder / STATE_FILE))
-            self._validated = json.loads(read_bytes(folder / "validation.json"))
+            self._validated = [dict(row) for row in json.loads(read_bytes(folder / "validation.json"))]
             weights: dict[str, dict[str, Tensor]] = {"network": {}, "mean": {}}
             state: dict[int, dict[str, Tensor]] = {}
             for name, value in tensors.items():

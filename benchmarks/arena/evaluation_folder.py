@@ -4,6 +4,7 @@ import csv
 import hashlib
 import io
 import json
+import math
 import os
 import platform
 import re
@@ -44,9 +45,22 @@ class Key(NamedTuple):
 
 def columns_of(measures: Measures) -> Readers:
     """Return the columns of `episodes.csv`, each with a function that parses its text."""
-    own = {measure.name: int if measure.is_share else float for measure in measures.all}
-    ending = {"end_reason": str, "duration": float, "time_limit": float, "distance_limit": float}
+    own = {one.name: _number if one.limit or one.is_headline else float for one in measures.all}
+    own |= {one.name: _share for one in measures.all if one.is_share}
+    ending = {"end_reason": str, **dict.fromkeys(("duration", "time_limit", "distance_limit"), _number)}
     return {**Key.__annotations__, "model": str, **own, **ending}
+
+
+def _share(value: Any) -> int:
+    if (number := int(value)) not in (0, 1):
+        raise ValueError(f"{value!r} is neither 0 nor 1")
+    return number
+
+
+def _number(value: Any) -> float:
+    if math.isnan(number := float(value)):
+        raise ValueError("nan is allowed in measures without rank only")
+    return number
 
 
 class Records:

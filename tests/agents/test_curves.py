@@ -20,6 +20,8 @@ def write(run, rows):
         ([], "holds no evaluations"),
         ([{"steps": "1e400"}], "invalid literal"),
         ([{"scores": "0.1 x"}], "damaged row: .*'x'"),
+        ([{"scores": ""}], "damaged row: .*finite"),
+        ([{"success": "nan"}], "damaged row: .*finite"),
         ([{"scores": "1" * 200_000}], "field larger"),
     ],
 )

@@ -6,7 +6,6 @@ from lidarnaut.agents.statistics import (
     curve_band,
     estimate,
     paired_difference,
-    probability_of_improvement,
     score,
     success_rate,
 )
@@ -46,11 +45,6 @@ def test_success_rate_is_a_share_with_a_wilson_interval():
 def test_pairs_cancel_what_they_share():
     hardness = np.random.default_rng(0).normal(100.0, 30.0, 12)
     assert paired_difference([hardness - 2.0], [hardness])[:3] == pytest.approx((-2.0, -2.0, -2.0))
-    assert probability_of_improvement([hardness - 2.0], [hardness], higher_is_better=False)[:3] == (1.0, 1.0, 1.0)
-    # Ties count half.
-    a, b = np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.0, 2.0, 5.0, 3.0])
-    assert probability_of_improvement([a], [b], higher_is_better=True).iqm == 2.5 / 4
-    assert probability_of_improvement([a], [b], higher_is_better=False).iqm == 1.5 / 4
 
 
 def test_curve_band_is_the_interval_of_every_point():

@@ -145,9 +145,20 @@ def test_finished_episodes_of_references_are_not_repeated(tiny_data, tmp_path, m
     longer = changed(tiny_data, environment=environment | {"time_limit": 2.0}, evaluation=evaluation, total_steps=384)
     train(longer, resume=run, progress=False)
     assert len(begun) == 5 + 4 + 4
-    (run / "references.json").write_text("[")
-    with pytest.raises(ValueError, match=r"references.json"):
-        train(longer.model_copy(update={"total_steps": 512}), resume=run, progress=False)
+    sound = (run / "references.json").read_text()
+    for damaged, says in (
+        ("", "not readable as JSON"),
+        ("[]", "must be a mapping of keys to values, got list"),
+        ('{"pursuit": 1}', "pursuit: Input should be a valid list"),
+        ('{"pursuit": [[]]}', "pursuit.0: Input should be a valid dictionary"),
+        ('{"pursuit": [{"progress": "x"}]}', "pursuit.0.progress: Input should be a valid number"),
+        ('{"pursuit": [{"progress": 1}]}', "an episode of pursuit has no .*: None"),
+        (re.sub(r'"success": [\d.]+', '"success": NaN', sound, count=1), "has no finite success: nan"),
+    ):
+        (run / "references.json").write_text(damaged)
+        with pytest.raises(ValueError, match=rf"references.json: .*{says}.*allowed are lists of episodes") as error:
+            train(longer.model_copy(update={"total_steps": 512}), resume=run, progress=False)
+        assert "\n" not in str(error.value)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")

@@ -1,4 +1,5 @@
 from typing import ClassVar
+from unittest.mock import Mock
 
 import gymnasium
 import numpy as np
@@ -66,10 +67,13 @@ def test_episodes_that_a_number_of_steps_ends_are_measured_in_trainings(case, ve
     arguments_of.cache_clear()
     config = EnvironmentConfig(id="test/Limited-v0", vectorization=vectorization, num_workers=0, **QUICK.arguments)
     env = make_vector(config, "test", 2)
-    for history in run_episodes(env, lambda seen, starts: np.full((2, 2), 0.3, dtype=np.float32)):
+    bar = Mock(n=0)
+    for history in run_episodes(env, lambda seen, starts: np.full((2, 2), 0.3, dtype=np.float32), bar=bar):
         assert history.samples["time"][-1] == pytest.approx(1.6)
         assert history.final["end_reason"] == "time_limit"
         assert 0.0 < history.final["map_iou"] < 1.0
+    said = [call.args[0] for call in bar.set_postfix_str.call_args_list]
+    assert [text.partition(" of ")[0] for text in said] == ["0", "0", "1", "1", "1", "1", "1", "0"]
     env.close()
 
 
