@@ -137,6 +137,7 @@ def draw_task(task: TaskResults) -> Picture:
         level = scores.mean() * scale
         color = MUTED if name == RANDOM else INK
         axes.axhline(level, color=color, linestyle=dash, linewidth=1.2, label=f"{name}, {level:.1f}")
+    axes.set_ylim(min(axes.get_ylim()[0], axes.get_ylim()[1] - 0.1 * scale))  # no magnified noise near 100 %
     axes.set(xlabel="thousand steps", ylabel=task.measure.title, title=task.name)
     figure.legend(loc="outside right center")
     return figure
