@@ -1,38 +1,43 @@
 """Conditions of an evaluation, as a paper has to state them, and the report's access to finished evaluations."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel, model_validator
 
 from lidarnaut.benchmarks.arena.evaluation_folder import Key, Row, columns_of, read_table
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.workers import Result
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.files import read_json, write_file
+from lidarnaut.envs.files import parse_record, read_json, write_file
 from lidarnaut.envs.measures import Measure
 from lidarnaut.envs.robots import RobotParams
 
 FILE = "conditions.json"
-SHOWN = ("name", "label", "unit", "higher_is_better", "digits", "scale", "is_share", "limit", "is_headline", "note")
-"""Fields of a measure that a report needs, besides `is_relative`."""
 
 
-@dataclass(slots=True)
-class Conditions:
+class Conditions(BaseModel):
     """Measures, settings and conditions of an evaluation, kept in its folder for reports."""
 
-    measures: Measures
-    settings: dict[str, Any] = field(default_factory=dict)
+    task: dict[str, str]
+    """`progress`, a key of `info`, and `success`, the condition in words."""
+    measures: list[Measure]
+    """Measures of the task, besides those of all tasks."""
+    settings: dict[str, Any]
     """Settings of the last command, as in a configuration file."""
-    facts: dict[str, str] = field(default_factory=dict)
+    facts: dict[str, str]
     """Conditions by name: environment, robots, lidars, people and so on."""
-    policies: dict[str, str] = field(default_factory=dict)
+    policies: dict[str, str]
     """Environment arguments that each policy requires, by its name."""
-    slam: list[str] = field(default_factory=list)
+    slam: list[str]
     """Estimators of the main evaluation; other rows belong to the comparison of `slam_axis`."""
+
+    @property
+    def grouped(self) -> Measures:
+        return Measures(self.measures, self.task["progress"], self.task["success"])
 
     def save(self, folder: Path) -> None:
         """Write the conditions to a folder, beside those of earlier commands there."""
@@ -41,12 +46,7 @@ class Conditions:
             self.facts = earlier.facts | self.facts
             self.policies = earlier.policies | self.policies
             self.slam = [*dict.fromkeys((*earlier.slam, *self.slam))]
-        content = {name: getattr(self, name) for name in ("settings", "facts", "policies", "slam")}
-        content["task"] = {name: getattr(self.measures, name) for name in ("progress", "success")}
-        content["measures"] = [
-            {name: getattr(one, name) for name in (*SHOWN, "is_relative")} for one in self.measures.own
-        ]
-        write_file(folder / FILE, json.dumps(content, indent=1) + "\n")
+        write_file(folder / FILE, self.model_dump_json(indent=1, exclude={"measures": {"__all__": {"compute"}}}) + "\n")
 
     @classmethod
     def load(cls, folder: Path) -> "Conditions":
@@ -54,13 +54,20 @@ class Conditions:
         path = folder / FILE
         if not path.exists():
             raise ValueError(f"{folder} holds no {FILE}: run the evaluation's command, without --report alone")
-        content = read_json(path)
         try:
-            own = [Measure(**one) for one in content["measures"]]
-            measures = Measures(own, content["task"]["progress"], content["task"]["success"])
-            return cls(measures, content["settings"], content["facts"], content["policies"], content["slam"])
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"{path} is damaged: {error!r}; run the evaluation's command again") from error
+            return parse_record(read_json(path), str(path), cls)
+        except ValueError as error:
+            raise ValueError(f"{str(error).splitlines()[0]}; run the evaluation's command again") from error
+
+    @model_validator(mode="after")
+    def _check(self) -> "Conditions":
+        if self.task.keys() != {"progress", "success"} or not isinstance(self.settings.get("arguments"), dict):
+            raise ValueError("task must hold progress and success, settings must hold arguments, a mapping")
+        limits = "", *columns_of(self.grouped)
+        for one in self.measures:
+            if not (math.isfinite(one.scale) and one.digits >= 0 and one.limit in limits):
+                raise ValueError(f"measure {one.name} has an invalid scale, digits or limit")
+        return self
 
 
 class FinishedEvaluation:
@@ -69,7 +76,7 @@ class FinishedEvaluation:
     def __init__(self, folder: Path) -> None:
         """Open a folder; ValueError if it holds no evaluation, or one that is damaged."""
         self.folder, self.conditions = folder, Conditions.load(folder)
-        self.measures = self.conditions.measures
+        self.measures = self.conditions.grouped
         tables = sorted({*folder.glob("episodes.csv"), *folder.glob("episodes-*.csv")})
         rows = (row for path in tables for row in read_table(path, columns_of(self.measures)))
         self._rows: Mapping[Key, Row] = {Key.of(row): row for row in rows}
@@ -119,10 +126,8 @@ def describe_robot(robot: RobotParams) -> dict[str, str]:
 
 def arguments_text(arguments: Mapping[str, Any]) -> str:
     """Return environment arguments as text: observations by the names of their parts."""
-    shown = {name: list(value) if name == "observations" else value for name, value in arguments.items()}
-    texts = {
-        name: ", ".join(map(str, value)) if isinstance(value, list) else str(value) for name, value in shown.items()
-    }
+    joined = {name for name, value in arguments.items() if name == "observations" or isinstance(value, list)}
+    texts = {name: ", ".join(map(str, value)) if name in joined else str(value) for name, value in arguments.items()}
     return "; ".join(f"{name} {text}" for name, text in texts.items())
 
 

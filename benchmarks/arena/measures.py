@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from lidarnaut.agents.statistics import Estimate
-from lidarnaut.envs.measures import COMMON, SUCCESS, TIME_TO_SUCCESS, Measure, headline_of
+from lidarnaut.envs.measures import COMMON, PEOPLE, SUCCESS, TIME_TO_SUCCESS, Measure, headline_of
 
 NUM_BRIEF = 4
 """Maximum number of measures printed in the terminal for a single world."""
@@ -42,16 +42,15 @@ class Measures:
         """Measure that ranks policies of equal success, and the leaderboard."""
         self.gaps = self.headline, *(() if times else others)
         """Measures whose differences are shown in comparisons of pairs of policies; ratios are shown too."""
-        main = self._named(self.progress) if times else others
-        end = self._named("collisions", "decision_ms")
-        self.shown = tuple(dict.fromkeys((SUCCESS, *self.ratios, self.headline, *main, *end)))
+        safe = self._named("collisions", "hit_person", "intrusion_time")
+        minor = {"way_left", *(one.name for one in (time, *safe, *PEOPLE))}
+        further = [one for one in others if one.name not in minor][:2]  # The rest are below "All measures".
+        rest = [*self._named(self.progress), *safe] if times else [time, *safe, *further]
+        self.shown = tuple(dict.fromkeys((SUCCESS, *self.ratios, self.headline, *rest)))
         """Measures shown as columns of the leaderboard."""
         self.on_axes = tuple(dict.fromkeys((SUCCESS, self.headline, *self._named("position_rmse", "map_iou"))))
         """Measures shown in comparisons of SLAMs, simulators or crowds."""
-        safe, common = self._named("collisions"), COMMON[: NUM_BRIEF - 2]
-        story = (self.headline, SUCCESS, time, *safe, *others, *common)
-        story = (*times[:2], self.headline, *common) if times else story
-        self.brief = tuple(dict.fromkeys(story))[:NUM_BRIEF]
+        self.brief = tuple(self.times.get(measure.name, measure) for measure in self.shown[:NUM_BRIEF])
         """Main measures, printed by default for a single world."""
         self.label = next((measure.label for measure in self._named(self.progress)), "progress")
         """Axis label of plots of task progress, such as "explored"."""

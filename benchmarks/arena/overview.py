@@ -65,13 +65,10 @@ def _read_curves(folder: Path, episodes: Episodes, are_relative: bool) -> dict[s
 
 
 def story(row: Row, measures: Measures) -> str:
-    end, headline = row["end_reason"].replace("_", " "), measures.headline
+    shown = next((one for one in measures.own if one.name == "explored_fraction"), measures.headline)
+    end, value = row["end_reason"].replace("_", " "), shown.text(row[shown.name])
     where = f"in {row['duration']:.0f} s and {row['path_length']:.0f} m"
-    if "explored_fraction" not in row:
-        return f"{headline.label} {headline.text(row[headline.name])} {headline.unit} {where} ({end})"
-    left = "" if row["success"] else f", {row['area_left']:.1f} m² left"
-    explored = f"{100 * row['explored_fraction']:.1f} %"
-    return f"{explored} {where} ({end}{left}), map IoU {100 * row['map_iou']:.0f} %"
+    return f"{shown.label} {value} {shown.unit} {where} ({end})"
 
 
 def gallery_section(folder: Path, episodes: Episodes) -> Section | None:

@@ -19,7 +19,7 @@ from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.verdict import verdict_section
 from lidarnaut.benchmarks.arena.workers import NOT_RUN, Result
 from lidarnaut.envs.command_line import make_console
-from lidarnaut.envs.files import printable, read_json, write_file
+from lidarnaut.envs.files import parse_record, printable, read_json, write_file
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.slam import base_name
 
@@ -32,7 +32,7 @@ CONDITIONS_TEXT = (
     "of fewer than 5 episodes together); proportions have Wilson intervals; ratios are geometric means over pairs of "
     "episodes from the same start. Times are simulated, distances are ground truth. A threshold that was not reached "
     "counts as the time limit, or as the distance that the robot could drive within it at full speed; such values are "
-    "lower bounds (>)."
+    "lower bounds (>), and k of n episodes reached it."
 )
 DOCS_TEXT = "See [measures and statistics](../reference/evaluation.md); `arena/episodes.csv` holds the raw numbers."
 
@@ -92,7 +92,7 @@ def publish(
     sections = _sections(evaluation, episodes, everything, command)
     players = overview.players_section(folder, episodes)
     report = [*sections[:1], *([players] if players else []), *sections[1:]]
-    title = f"Evaluation of {evaluation.conditions.settings['id']}"
+    title = f"Evaluation of {evaluation.conditions.settings.get('id')}"
     write_file(folder / "report.html", to_html(report, title=title))
     write_markdown(title, TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
@@ -109,23 +109,20 @@ def to_json(summary: Mapping[str, Any]) -> dict[str, Any]:
 def _sections(
     evaluation: Evaluation | FinishedEvaluation, episodes: Episodes, everything: Episodes, command: str
 ) -> list[Section]:
-    fair, sections, failed = episodes.shared(), list[Section | None](), evaluation.missing()
-    missing = _missing_section(failed, len(episodes), len(fair))
+    fair = episodes.shared()
+    sections = [missing := _missing_section(evaluation.missing(), len(episodes), len(fair))]
     if fair:
         sections = [
-            verdict_section(fair, len(failed)),
+            verdict_section(fair),
             missing,
             *leaderboard.ranking_sections(fair),
             overview.curves_section(evaluation.folder, fair),
-            leaderboard.pairs_section(fair),
-            leaderboard.measures_section(fair),
         ]
     sections += [
         # Not robots: their traversable cells, hence their starts, differ.
         *(leaderboard.axis_section(everything, axis) for axis in ("physics", "slam", "people")),
         leaderboard.worlds_section(episodes),
         leaderboard.unfinished_section(episodes),
-        None if fair else missing,
         overview.gallery_section(evaluation.folder, episodes),
         _conditions_section(evaluation, everything, command),
     ]
@@ -147,7 +144,7 @@ def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) ->
 def _conditions_section(evaluation: Evaluation | FinishedEvaluation, episodes: Episodes, command: str) -> Section:
     """Return the report section for the methods section of a paper."""
     conditions, settings = evaluation.conditions, evaluation.conditions.settings
-    facts = {"Environment": f"{settings['id']} {arguments_text(settings['arguments'])}", **conditions.facts}
+    facts = {"Environment": f"{settings.get('id')} {arguments_text(settings['arguments'])}", **conditions.facts}
     limits, starts = defaultdict[str, set[float]](set), defaultdict[str, set[int]](set)
     for row in episodes:
         limits[row["world"]].add(row["time_limit"])
@@ -158,33 +155,26 @@ def _conditions_section(evaluation: Evaluation | FinishedEvaluation, episodes: E
         span = f"{min(limits[world]):.0f}" + (f" to {max(limits[world]):.0f}" if len(limits[world]) > 1 else "")
         facts[f"World {world}"] = f"{len(seeds)} starts, seeds {min(seeds)} to {max(seeds)}; time limit {span} s"
     for policy in episodes.policies:
-        model = episodes.of(policy)[0]["model"]
-        facts[f"Policy {short(policy)}"] = f"weights {model}; " * bool(model) + (
-            conditions.policies.get(policy) or "without arguments of its own"
-        )
-    versions = read_json(evaluation.folder / SETTINGS_FILE)["versions"]
+        model, needed = episodes.of(policy)[0]["model"], conditions.policies.get(policy)
+        text = f"weights {model}; " * bool(model) + (needed or "without arguments of its own")
+        facts[f"Policy {short(policy)}"] = text
+    file = evaluation.folder / SETTINGS_FILE
+    versions = parse_record(read_json(file).get("versions"), f"{file}: versions", dict[str, str])
     facts |= {"Command": command, "Versions": ", ".join(f"{name} {one}" for name, one in versions.items())}
     lines = [[Cell(name), Cell(text)] for name, text in facts.items() if text]
     return Section("Conditions", (CONDITIONS_TEXT, Table(("", ""), lines, words=(1,), is_open=True)))
 
 
 def print_results(evaluation: Evaluation | FinishedEvaluation, messages: Console, reference: str = "") -> None:
-    """Print the leaderboard, a short table of the worlds if there are several, and the path of the report."""
+    """Print the leaderboard and the path of the report."""
     console, report, measures = make_console(), printable(evaluation.folder / "report.html"), evaluation.measures
     episodes = Episodes(evaluation.rows(), measures, reference)
     fair = episodes.shared() or episodes
-    shown, has_worlds = measures.brief, len(episodes.by_case()) > 1
-    if has_worlds:
-        shown = measures.criteria
-    number = len(set(map(start_of, fair)))
-    for title, part in {"Worlds or robots not used in training": fair.unseen(), f"All {number} starts": fair}.items():
+    shown, number = measures.criteria if len(episodes.by_case()) > 1 else measures.brief, len(set(map(start_of, fair)))
+    titles = "Worlds or robots not used in training", f"All {number} starts, interquartile means (95 % intervals)"
+    for title, part in zip(titles, (fair.unseen(), fair)):
         if part:
             console.print(to_terminal(leaderboard.ranking_table(part, shown), title))
-    text, table = leaderboard.worlds_section(episodes).parts
-    if has_worlds and isinstance(table, Table) and not table.is_folded:
-        console.print(to_terminal(table, f"World by world: {str(text).partition('.')[0]}"))
     if missing := evaluation.missing():
         messages.print(f"{len(missing)} of the episodes are missing; {report} says why.", markup=False)
-    messages.print(
-        f"Interquartile means (95 % intervals). Report with all measures: {report}", highlight=False, markup=False
-    )
+    messages.print(f"Report with all measures: {report}", highlight=False, markup=False)

@@ -101,11 +101,12 @@ class Evaluation:
         self._missing = self._not_found(own)
         self.total = len(own)
         self.conditions = Conditions(
-            self.measures,
-            settings.model_dump(mode="json", fallback=repr),
-            self._facts,
-            {one.name: arguments_text(one.arguments) for one in self._policies.values()},
-            sorted({task.key.slam for task in self._tasks}),
+            task={"progress": self.measures.progress, "success": self.measures.success},
+            measures=list(self.measures.own),
+            settings=settings.model_dump(mode="json", fallback=repr),
+            facts=self._facts,
+            policies={one.name: arguments_text(one.arguments) for one in self._policies.values()},
+            slam=sorted({task.key.slam for task in self._tasks}),
         )
 
     @property

@@ -2,6 +2,9 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
+from itertools import combinations
+from string import ascii_letters
 
 from lidarnaut.agents.policy_names import short
 from lidarnaut.agents.statistics import Estimate
@@ -15,7 +18,7 @@ from lidarnaut.envs.measures import SUCCESS, Measure
 NUM_NAMED = 3
 """Maximum number of policies that a sentence names."""
 RESOLUTION = 0.05
-"""Half width of an interval, relative to the value, for which the summary estimates the number of starts."""
+"""Half width of an interval, relative to the value, that the estimated number of starts would resolve."""
 
 
 class Order:
@@ -28,7 +31,7 @@ class Order:
         self.values = {policy: value for policy, value in standing.items() if not policies or policy in policies}
         """Estimates by policy, best first."""
         self.leader, *self.others = self.values
-        self.tied = [one for one in self.others if not is_better(episodes.gap(self.leader, one, measure), measure)]
+        self.tied = [one for one in self.others if side(episodes.gap(self.leader, one, measure), measure) <= 0]
         """Policies not shown to be worse than the first: the interval of the paired comparison contains 1 or 0."""
         first = self.values[self.leader]
         self.is_reached = first.iqm > 0.0 if measure.is_share else first.never < first.n
@@ -83,30 +86,49 @@ class Order:
         if not self.tied or whole <= 0.0 or gap.low == gap.high:
             return f"{text}."
         wanted = math.ceil(gap.n * ((gap.high - gap.low) / (2.0 * RESOLUTION * whole)) ** 2)
-        if wanted <= gap.n:
-            return f"{text}; these starts resolve {100.0 * RESOLUTION:.0f} %."
-        return f"{text}; about {wanted} starts would resolve {100.0 * RESOLUTION:.0f} %."
+        starts = "these starts resolve" if wanted <= gap.n else f"about {wanted} starts would resolve"
+        return f"{text}; {starts} {100.0 * RESOLUTION:.0f} %."
 
 
-def is_better(gap: Estimate, measure: Measure) -> bool:
-    """Return whether the interval of a paired comparison, see `Episodes.gap`, lies on the better side."""
-    equal = 1.0 if measure.limit else 0.0
-    return gap.low > equal if measure.higher_is_better else gap.high < equal
+def side(gap: Estimate, measure: Measure) -> int:
+    """Return 1 or -1 if the interval of a paired comparison, see `Episodes.gap`, lies on the better or worse side."""
+    equal, sign = 1.0 if measure.limit else 0.0, 1 if measure.higher_is_better else -1
+    return sign * ((gap.low > equal) - (gap.high < equal))
 
 
-def verdict_section(episodes: Episodes, num_missing: int = 0) -> Section | None:
-    """Return a report section that names the best policies; None with fewer than two without ground truth.
+@lru_cache(8)
+def ranks(episodes: Episodes) -> dict[str, str]:
+    """Return the ranks of the policies without access to ground truth, best first, such as "1", "2-4", "2-4", "3-4".
 
-    `num_missing`: number of episodes without a result, which the section mentions.
+    A policy is ahead if it succeeds more often, else if it is better by the decisive measure: intervals of the paired
+    comparisons decide. Ranks are empty texts if none decides, or with fewer than `MIN_STARTS` starts.
     """
+    names = [*episodes.competitors(episodes.measures.decisive)]
+    ahead, behind = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
+    for a, b in combinations(names, 2) if names and num_starts(episodes) >= MIN_STARTS else ():
+        sides = (side(episodes.gap(a, b, one), one) for one in (SUCCESS, episodes.measures.decisive))
+        if decided := next(filter(None, sides), 0):
+            winner, loser = (a, b) if decided > 0 else (b, a)
+            ahead[loser], behind[winner] = ahead[loser] + 1, behind[winner] + 1
+    if not any(ahead.values()):
+        return dict.fromkeys(names, "")
+    ends = {name: (1 + ahead[name], len(names) - behind[name]) for name in names}
+    return {name: "-".join(map(str, dict.fromkeys(ends[name]))) for name in sorted(names, key=ends.__getitem__)}
+
+
+def verdict_section(episodes: Episodes) -> Section:
+    """Return a report section that names the best policies."""
     if len(episodes.competitors(SUCCESS)) < 2:
-        return None
+        (name, value), *_ = episodes.standing(SUCCESS).items()
+        success = f"{value_text(value, SUCCESS)} of {value.n} starts succeed ({episodes.measures.success})"
+        others = "other policies are better" + ", or how it does in other worlds" * (len(episodes.by_case()) < 2)
+        return Section("At a glance", (f"{short(name)} alone: {success}. Nothing shows whether {others}.",))
     text, where = verdict(episodes), ""
     if unseen := episodes.unseen():
         where = ", in worlds or with robots not used in training"
         text = f"{where[2:].capitalize()}: {verdict(unseen)} Including training worlds: {text}"
         episodes = unseen
-    parts: list[Part] = [f"{num_missing} episodes are missing. " * (num_missing > 0) + text]
+    parts: list[Part] = [text]
     if num_starts(episodes) >= MIN_STARTS:
         orders = {measure.name: Order(episodes, measure) for measure in episodes.measures.criteria}
         telling = [order for order in orders.values() if len(order.tied) < len(order.others)]
@@ -128,7 +150,7 @@ def verdict(episodes: Episodes) -> str:
     success, *others = episodes.measures.criteria
     if (number := num_starts(episodes)) < MIN_STARTS:
         shared = f"the policies have only {number} start{'s' * (number != 1)} in common"
-        return f"No verdict: {shared}; at least {MIN_STARTS} are needed. Ranks below may be chance."
+        return f"No verdict: {shared}; at least {MIN_STARTS} are needed, so policies are not ranked."
     first = Order(episodes, success)
     parts = [f"{number} starts; success: {episodes.measures.success}.", first.success()]
     is_level = len(first.best) > 1 and first.is_reached
@@ -188,14 +210,13 @@ def _matrix(order: Order) -> Section:
     """Return a folded table that compares any two policies."""
     measure, names, lines = order.measure, [*order.values], list[list[Cell]]()
     shown, sign, equal = (ratio_of(measure), "", 1) if measure.limit else (measure, "+", 0)
-    for row, a in enumerate(names, start=1):
+    for letter, a in zip(ascii_letters, names):
         gaps = [None if a == b else order.episodes.gap(a, b, measure) for b in names]
-        cells = [Cell("") if gap is None else Cell.of(gap, shown, is_better(gap, measure), sign) for gap in gaps]
-        lines.append([Cell(f"{row}. {short(a)}"), *cells])
+        cells = [Cell("") if gap is None else Cell.of(gap, shown, side(gap, measure) > 0, sign) for gap in gaps]
+        lines.append([Cell(f"{letter}: {short(a)}"), *cells])
     text = (
         f"{shown.label[:1].upper()}{shown.label[1:]}{', difference' * (not equal)} of the row's policy to the "
         f"column's, from the same {num_starts(order.episodes)} starts, with 95 % intervals. Bold: the row's policy is "
         f"better; the interval does not contain {equal}."
     )
-    head = ("", *(f"{k}." for k in range(1, len(names) + 1)))
-    return Section("Any two policies", (text, Table(head, lines, is_open=True)))
+    return Section("Any two policies", (text, Table(("", *ascii_letters[: len(names)]), lines, is_open=True)))

@@ -20,8 +20,7 @@ def key(seed, policy="random"):
 
 
 def row(seed, policy="random"):
-    samples = {str: "x", int: 7, float: 1.0 / 3.0}
-    values = {name: samples[read] for name, read in COLUMNS.items()}
+    values = {name: read("1") for name, read in COLUMNS.items()} | {"duration": 1.0 / 3.0}
     return values | key(seed, policy)._asdict() | {"model": MODELS[policy]}
 
 

@@ -60,7 +60,7 @@ def test_whoever_takes_ground_truth_is_a_bound_in_every_row_and_page(own_folder,
     names = ["own_explorers:Spy (ground truth)", "oracle2 (ground truth)"]
     assert {row["policy"] for row in read_rows(out)} == {"nearest", *names}
     page, report = (out / "leaderboard.md").read_text(), (out / "report.html").read_text()
-    assert "| 1. nearest |" in page
+    assert "| nearest |" in page
     for name in names:
         assert f"| bound: {name} |".replace("_", "\\_") in page
         for text in (page.replace("\\_", "_"), report):
@@ -83,7 +83,7 @@ def test_what_observes_ground_truth_or_says_that_it_uses_some_is_a_bound_too(own
     page = (out / "leaderboard.md").read_text().replace("\\_", "_")
     for name in names:
         assert f"| bound: {name} |" in page, name
-    assert "1. " in page
+    assert "| ppo:pretrained/reach |" in page
     assert "4. " not in page
 
 
