@@ -211,6 +211,15 @@ def test_all_slams_are_compared(log, relations, tmp_path, capsys):
     assert all((tmp_path / name / "trajectory_1.tum").is_file() for name in names)
 
 
+def test_several_slams_are_compared_in_a_table_and_in_folders(log, tmp_path, capsys):
+    options = tyro.cli(Options, args=[str(log), "--slam", "odometry", OWN + "TurningSlam", "odometry"])
+    assert [run.slam for run in main(dataclasses.replace(options, out=tmp_path))] == ["odometry", OWN + "TurningSlam"]
+    assert capsys.readouterr().out.splitlines()[-2].strip().startswith(OWN + "TurningSlam")
+    assert {path.name for path in tmp_path.iterdir()} == {"odometry", (OWN + "TurningSlam").replace(":", "_")}
+    with pytest.raises(ValueError, match="slam needs one name or more: all, hector"):
+        main(dataclasses.replace(options, slam=()))
+
+
 def test_a_slam_that_is_lost_must_not_be_trusted(log, tmp_path, capsys):
     name = OWN + "LostSlam"
     (run,) = main(Options(log, slam=name, out=tmp_path))
