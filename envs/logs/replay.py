@@ -120,7 +120,7 @@ def main(options: Options) -> list[Run]:
     groups, given = {"all": [name for name in SLAM_NAMES if name != TRUTH]}, options.slam
     given = (given,) if isinstance(given, str) else given
     if not (names := [*dict.fromkeys(one for name in given for one in groups.get(name, [name]))]):
-        raise ValueError(f"slam needs one name or more: all, {', '.join(SLAM_NAMES)}, or module:attribute")
+        raise ValueError(f"slam needs one name or more: all, {', '.join(groups['all'])}, or module:attribute")
     runs: list[Run] = []
     for name in names:
         out = options.out / re.sub(r"[^\w.-]+", "_", name) if options.out and len(names) > 1 else options.out

@@ -215,8 +215,14 @@ def test_several_slams_are_compared_in_a_table_and_in_folders(log, tmp_path, cap
     options = tyro.cli(Options, args=[str(log), "--slam", "odometry", OWN + "TurningSlam", "odometry"])
     assert [run.slam for run in main(dataclasses.replace(options, out=tmp_path))] == ["odometry", OWN + "TurningSlam"]
     assert capsys.readouterr().out.splitlines()[-2].strip().startswith(OWN + "TurningSlam")
-    assert {path.name for path in tmp_path.iterdir()} == {"odometry", (OWN + "TurningSlam").replace(":", "_")}
-    with pytest.raises(ValueError, match="slam needs one name or more: all, hector"):
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "drive.log",
+        "odometry",
+        (OWN + "TurningSlam").replace(":", "_"),
+    }
+    with pytest.raises(
+        ValueError, match="slam needs one name or more: all, tinyslam, hector, graph, gmapping, odometry, or"
+    ):
         main(dataclasses.replace(options, slam=()))
 
 
