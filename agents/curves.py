@@ -20,6 +20,7 @@ LEARNED_NAMES = LEARNED, LEARNED + GROUND_TRUTH
 """Possible names of the trained policy in the evaluation table; the second marks observations with ground truth."""
 SCORES = "scores"
 """Column with the headline (main) measure of each episode, as numbers separated by spaces."""
+HEADLINES = {"sct": "success weighted by completion time (SCT)", "spl": "success weighted by path length (SPL)"}
 VALIDATION: Literal["validation"] = "validation"
 TEST: Literal["test"] = "test"
 """Value of the column `split` for the result of the best checkpoint, which validation episodes have chosen."""
@@ -107,12 +108,10 @@ def draw_learning_curve(rows: Sequence[Row], title: str, path: Path, axis: str =
         references = [row for row in rows if row["policy"] not in LEARNED_NAMES]
         for row, style in zip(references, itertools.cycle(("--", ":", "-.", "-"))):
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=_plain(row["policy"]))
-        axes.set_xlabel(axis)
         axes.xaxis.set_major_locator(MaxNLocator(6))
         axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         names = {"progress": "completed share of the task", "success": "share of goals reached"}
-        names |= {"sct": "success weighted by completion time (SCT)", "spl": "success weighted by path length (SPL)"}
-        axes.set_ylabel(names.get(measure, measure.replace("_", " ")))
+        axes.set(xlabel=axis, ylabel=names.get(measure, HEADLINES.get(measure, measure.replace("_", " "))))
         low, high = axes.get_ylim()  # with a margin
         axes.set_ylim(min(low, 0.0), max(high, 1.0) if measure == share else high)
         axes.grid(alpha=0.3)
@@ -141,6 +140,6 @@ def draw_seeds(points: np.ndarray, measure: str, title: str, path: Path) -> None
     axes, (steps, mean, low, high) = figure.subplots(), points.T
     axes.plot(steps, mean, marker=".")
     axes.fill_between(steps, low, high, alpha=0.15, linewidth=0)
-    axes.set(xlabel="steps", ylabel=_plain(measure.replace("_", " ")), title=_plain(title))
+    axes.set(xlabel="steps", ylabel=_plain(HEADLINES.get(measure, measure.replace("_", " "))), title=_plain(title))
     axes.grid(alpha=0.3)
     _save(figure, path)
