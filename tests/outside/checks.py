@@ -1,251 +1,209 @@
-"""Checks of written files: each returns why a tool disagrees, or nothing."""
+"""Checks of written files, of simulated scans, and of trainings: each raises an AssertionError if a tool disagrees."""
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from lidarnaut.envs.files import read_mapping
+from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import between_poses
-from lidarnaut.envs.logs import load_log
 from lidarnaut.envs.logs.relations import relation_error
 from lidarnaut.envs.logs.trajectory import rms, trajectory_errors
-from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.robots.robot_params import LidarParams
+from tests.rooms import make_room, make_simulator
 
-from .environments import run
+from .cells import Cell, close, same
+from .environments import PINS, ROOT, call, make, run, versioned
 from .files import ROBOT, Files
 
-
-class Check(NamedTuple):
-    """One cell of the matrix."""
-
-    file: str
-    environment: str
-    package: str
-    compare: Callable[[Files], str]
-    """Function that returns why the tool disagrees; empty if it agrees. `RefusedError` if the tool refuses the file."""
-    known: str = ""
-    """Reason of a known disagreement that is no fault of the file; the check then expects it."""
+BASE = ("--editable", "gymnasium", "pytest", "torch", "tensordict", "vmas")
+"""Packages of the environment `learning` without a training of their own."""
 
 
-def close(found: Any, wanted: Any, tolerance: float, what: str) -> str:
-    """Return why two arrays differ by more than an absolute tolerance; empty if they do not."""
-    found, wanted = (np.asarray(each, dtype=float) for each in (found, wanted))
-    if found.shape != wanted.shape:
-        return f"{what} of shape {found.shape}, not {wanted.shape}"
-    gap = float(np.abs(found - wanted).max(initial=0.0))
-    return "" if gap <= tolerance else f"{what} {gap:.3g} apart"
+def bag(environment: str, function: str, files: Files) -> None:
+    found = run(environment, "bags", function, files.bag.path)
+    same(found["latched"], ["/map", "/tf_static"], "latched")
+    assert all(time > 0 for messages in found["messages"].values() for time, _ in messages), "a time of 0"
+    same(found["messages"], files.bag.messages)
 
 
-def _differ(found: Any, wanted: Any) -> bool:
-    """Return whether plain data differ by more than the precision of float32, in which some fields are written."""
-    if isinstance(wanted, dict):
-        return found.keys() != wanted.keys() or any(_differ(found[key], value) for key, value in wanted.items())
-    if isinstance(wanted, list):
-        return len(found) != len(wanted) or any(map(_differ, found, wanted))
-    is_number = isinstance(wanted, float) and isinstance(found, (int, float))
-    return not math.isclose(found, wanted, rel_tol=1e-7) if is_number else found != wanted
+def ros1_bag(environment: str, client: str, form: str, files: Files) -> None:
+    found = run(environment, client, "read", files.bags_of_others[f"rosbags, {form}"])["messages"]
+    people = "/ground_truth/people"  # markers have other fields in ROS 1
+    same(*({topic: one[topic] for topic in one if topic != people} for one in (found, files.bag.messages)))
 
 
-def _same_messages(found: dict[str, Any], wanted: dict[str, Any]) -> str:
-    if found.keys() != wanted.keys():
-        return f"other topics: {sorted(found.keys() ^ wanted.keys())}"
-    for topic, messages in wanted.items():
-        for k, (one, other) in enumerate(zip(found[topic], messages)):
-            if _differ(one, other):
-                return f"message {k} of {topic}"
-        if len(found[topic]) != len(messages):
-            return f"{len(found[topic])} messages of {topic}, not {len(messages)}"
-    return ""
-
-
-def _bag(environment: str, *client: str) -> Callable[[Files], str]:
-    def compare(files: Files) -> str:
-        found = run(environment, *client, files.bag.path)
-        if found["latched"] != ["/map", "/tf_static"]:
-            return f"latched topics {found['latched']}"
-        stamps = [time for messages in found["messages"].values() for time, _ in messages]
-        return "a time of 0" if min(stamps) <= 0 else _same_messages(found["messages"], files.bag.messages)
-
-    return compare
-
-
-IMAGES, ROS1_KINDS = ("map.pgm", "map.png", "scale.png"), ("", " in BZ2", " in LZ4")
-
-
-def _ros1_bag(kind: str, environment: str, client: str) -> Callable[[Files], str]:
-    def compare(files: Files) -> str:
-        found = run(environment, client, "read", files.bags_of_others[f"rosbags, ROS 1{kind}"])["messages"]
-        people = "/ground_truth/people"  # markers have other fields in ROS 1
-        kept = [{topic: one[topic] for topic in one if topic != people} for one in (found, files.bag.messages)]
-        return _same_messages(*kept)
-
-    return compare
-
-
-def _placed_scans(files: Files) -> str:
-    messages = {topic: files.bag.messages[topic] for topic in ("/scan", "/tf", "/tf_static")}
-    lidar = load_robot(ROBOT).lidar
+def placed_scans(files: Files) -> None:
+    log, lidar = files.bag.log, ROBOT.lidar
     mount, turn = lidar.mount, Rotation.from_euler("xyz", [lidar.mount.roll, lidar.mount.pitch, lidar.mount.yaw])
-    placed = run("debian", "debian.py", "place", given=messages)
-    for k, (points, log_pose) in enumerate(zip(placed, _odometry(files))):
-        ranges = np.array([float(value) for value in messages["/scan"][k][1]["ranges"]])
+    directions = np.stack([np.cos(lidar.angles), np.sin(lidar.angles), 0 * lidar.angles], axis=1)
+    placed = run("debian", "debian", "place", files.bags_of_others["rosbags, ROS 1"])
+    for k, ((points, frame), pose) in enumerate(zip(placed, log.odometry[log.scan_rows], strict=True)):
+        ranges = np.array(files.bag.messages["/scan"][k][1]["ranges"], dtype=float)
         seen = np.isfinite(ranges) & (ranges < np.float32(lidar.range_max))
-        directions = np.stack([np.cos(lidar.angles), np.sin(lidar.angles), 0 * lidar.angles], axis=1)
-        rays = ranges[seen, None] * directions[seen]
-        in_base = turn.apply(rays) + [mount.x, mount.y, mount.z]
-        wanted = Rotation.from_euler("z", log_pose[2]).apply(in_base) + [*log_pose[:2], 0.0]
-        if isinstance(points, str) or (gap := close(points, wanted, 1e-3, f"points of scan {k} [m]")):
-            return points if isinstance(points, str) else gap
-    return ""
+        in_base = turn.apply(ranges[seen, None] * directions[seen]) + [mount.x, mount.y, mount.z]
+        wanted = Rotation.from_euler("z", pose[2]).apply(in_base) + [*pose[:2], 0.0]
+        close(moved(frame, points), wanted, 1e-3, f"points of scan {k} [m]")
 
 
-def _odometry(files: Files) -> np.ndarray:
-    log = files.bag.log
-    return log.odometry[log.scan_rows]
+def moved(transform: dict[str, dict[str, float]], points: np.ndarray) -> np.ndarray:
+    """Apply a transform of `/tf` to points, shape (n, 3) [m]."""
+    turn = Rotation.from_quat([transform["rotation"][axis] for axis in "xyzw"])
+    return turn.apply(points) + [transform["translation"][axis] for axis in "xyz"]
 
 
-def _drawn(files: Files) -> str:
+def drawn(files: Files) -> None:
     _, message = files.bag.messages["/map"][-1]
-    moves = [one["transform"] for one in files.bag.messages["/tf"][-1][1]["transforms"]]
+    moves = [one["transform"] for one in reversed(files.bag.messages["/tf"][-1][1]["transforms"])]
     start = {"position": {"x": 0.3, "y": -0.2, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
-    found = run("npm", "ros2d.mjs", given={"map": message, "transforms": moves[::-1], "pose": start})
+    found = run("npm", "ros2d", "draw", map=message, transforms=moves, pose=start)
     grid = np.reshape(message["data"], (message["info"]["height"], message["info"]["width"]))[::-1]
     wanted = np.where(grid == 100, 0, np.where(grid == 0, 255, 127))
-    origin = message["info"]["origin"]["position"]
+    origin, point = message["info"]["origin"]["position"], np.array([[0.3, -0.2, 0.0]])
     top = -origin["y"] - len(grid) * message["info"]["resolution"]
-    pose = np.array([0.3, -0.2])
-    for move in reversed(moves):
-        turn = Rotation.from_quat([move["rotation"][axis] for axis in "xyzw"])
-        pose = turn.apply([*pose, 0.0])[:2] + [move["translation"]["x"], move["translation"]["y"]]
-    return (
-        close(found["grey"], wanted.ravel(), 0, "grey values")
-        or close([found["x"], found["y"]], [origin["x"], top], 1e-9, "corner [m]")
-        or close([found["pose"]["position"][axis] for axis in "xy"], pose, 1e-9, "composed pose [m]")
-    )
+    for move in moves:
+        point = moved(move, point)
+    close(found["grey"], wanted.ravel(), 0, "grey values")
+    close([found["x"], found["y"]], [origin["x"], top], 1e-9, "corner [m]")
+    close([found["pose"]["position"][axis] for axis in "xy"], point[0, :2], 1e-9, "composed pose [m]")
 
 
-def _trajectory(files: Files) -> str:
+def trajectory(files: Files) -> None:
     one = files.trajectory
-    found = run("graphs", "graphs.py", "errors", one.path, one.truth_path)
-    if not found["valid"] or found["poses"] != len(one.times):
-        return f"check: {found['details']}, {found['poses']} poses"
-    k = np.arange(len(one.times) - 1)
-    relations = np.column_stack([one.times[k], one.times[k + 1], between_poses(one.truth[k], one.truth[k + 1])])
+    found = run("graphs", "graphs", "errors", one.path, one.truth_path)
+    assert found["valid"], found["details"]
+    assert found["poses"] == len(one.times), f"{found['poses']} poses"
+    relations = np.column_stack([one.times[:-1], one.times[1:], between_poses(one.truth[:-1], one.truth[1:])])
     error = relation_error(one.times, one.poses, relations)
     ours = rms(trajectory_errors(one.poses, one.truth)[0]), error.translation, error.translation_std, error.rotation
     theirs = found["ape"]["rmse"], found["rpe"]["mean"], found["rpe"]["std"], found["rpe_angle"]["mean"]
-    return close(theirs, ours, 2e-4, "errors [m, m, m, deg]")
+    close(theirs, ours, 2e-4, "errors [m, m, m, deg]")
 
 
-def _graph(library: str) -> Callable[[Files], str]:
-    def compare(files: Files) -> str:
-        graph, found = files.graph, run("graphs", "graphs.py", "optimise", library, files.graph.path)
-        if found["sizes"] != [len(graph.poses), graph.num_edges]:
-            return f"{found['sizes'][0]} vertices and {found['sizes'][1]} edges"
-        poses, wanted = np.array(found["poses"]), graph.poses
-        ratios = [found["before"] / graph.before, found["after"] / graph.after]
-        gap = close(ratios, [1.0, 1.0], 1e-3, f"chi2 {found['before']:.6g}, {found['after']:.6g}: ratios")
-        return gap or close(poses, wanted[:, :2], 1e-3, "optimum [m]")
-
-    return compare
+def graph(library: str, files: Files) -> None:
+    ours, found = files.graph, run("graphs", "graphs", "optimise", library, files.graph.path)
+    ratios = [found["before"] / ours.before, found["after"] / ours.after]
+    close(found["sizes"], [len(ours.poses), ours.num_edges], 0, "numbers of vertices and edges")
+    close(ratios, [1.0, 1.0], 1e-3, f"chi2 {found['before']:.6g}, {found['after']:.6g}: ratios")
+    close(found["poses"], ours.poses[:, :2], 1e-3, "optimum [m]")
 
 
-def _map(library: str, image: str) -> Callable[[Files], str]:
-    def compare(files: Files) -> str:
-        file = files.saved_map(image)
-        found = run("maps", "maps.py", "read", library, file.parent / image, file)
-        pixels = np.asarray(Image.open(file.parent / image))
-        wrong = [key for key, value in read_mapping(file).items() if found["yaml"].get(key) != value]
-        return f"YAML: {wrong}" if wrong else close(found["pixels"], pixels, 0, "pixels")
-
-    return compare
+def saved_map(library: str, image: str, files: Files) -> None:
+    file = files.saved_map(image)
+    found = run("maps", "maps", "read", library, file.parent / image, file)
+    same(found["yaml"], read_mapping(file), "YAML")
+    close(found["pixels"], np.asarray(Image.open(file.parent / image)), 0, "pixels")
 
 
-def _policy(library: str) -> Callable[[Files], str]:
-    def compare(files: Files) -> str:
-        import onnxruntime
+def policy(runtime: str, files: Files) -> None:
+    import onnxruntime
 
-        session, rng = onnxruntime.InferenceSession(files.policy), np.random.default_rng(5)
-        given, wanted = [], []
-        for size in (1, 64):
-            arrays = {one.name: rng.random((size, *one.shape[1:]), dtype=np.float32) for one in session.get_inputs()}
-            given.append({name: array.tolist() for name, array in arrays.items()})
-            wanted.append(session.run(None, arrays))
-        found = run("onnx", "policies.py", library, files.policy, given=given)
-        gaps = [close(a, b, 1e-5, f"batch {len(b)}") for one, two in zip(found, wanted) for a, b in zip(one, two)]
-        return next(filter(None, gaps), "")
-
-    return compare
+    session, rng, batches, wanted = onnxruntime.InferenceSession(files.policy), np.random.default_rng(5), [], []
+    for size in (1, 64):
+        arrays = {one.name: rng.random((size, *one.shape[1:]), dtype=np.float32) for one in session.get_inputs()}
+        batches.append({name: array.tolist() for name, array in arrays.items()})
+        wanted.append(session.run(None, arrays))
+    found = run("onnx", "policies", "run", runtime, files.policy, batches=batches)
+    for k, (outputs, ours) in enumerate(zip(found, wanted, strict=True)):
+        for one, other in zip(outputs, ours, strict=True):
+            close(one, other, 1e-5, f"output of batch {k}")
 
 
-def _robot(library: str) -> Callable[[Files], str]:
-    def compare(files: Files) -> str:
-        robot, found = load_robot(ROBOT), run("robots", "robots.py", "load", library, files.urdf)
-        drive, mount = robot.drive, robot.lidar.mount
-        rate = (robot.max_v + 0.5 * robot.odometry.track * robot.max_w) / robot.odometry.wheel_radius
-        limits = [drive.max_torque, rate]
-        turn = Rotation.from_euler("xyz", [mount.roll, mount.pitch, mount.yaw]).as_matrix()
-        mass = robot.body.mass * (1.002 + 1e-3 * len(robot.casters)) + 2 * drive.wheel_mass
-        if gap := close(found["mass"], mass, 1e-6, "mass [kg]"):
-            return gap
-        wheels = [[0.0, y, drive.wheel_radius, *limits] for y in (0.5 * drive.track, -0.5 * drive.track)]
-        return (
-            close(list(found["wheels"].values()), wheels, 1e-6, "wheels [m, N m, rad/s]")
-            or close(found["axes"], [[0, 1, 0]] * 2, 1e-9, "axes")
-            or close(found["laser"][0], [mount.x, mount.y, mount.z], 1e-6, "mount [m]")
-            or close(found["laser"][1], turn, 1e-6, "mount (rotation)")
-        )
-
-    return compare
+def robot(library: str, files: Files) -> None:
+    drive, mount, found = ROBOT.drive, ROBOT.lidar.mount, run("robots", "robots", "load", library, files.urdf)
+    rate = (ROBOT.max_v + 0.5 * ROBOT.odometry.track * ROBOT.max_w) / ROBOT.odometry.wheel_radius
+    turn = Rotation.from_euler("xyz", [mount.roll, mount.pitch, mount.yaw]).as_matrix()
+    mass = ROBOT.body.mass * (1.002 + 1e-3 * len(ROBOT.casters)) + 2 * drive.wheel_mass
+    wheels = [[0.0, y, drive.wheel_radius, drive.max_torque, rate] for y in (0.5 * drive.track, -0.5 * drive.track)]
+    close(found["mass"], mass, 1e-6, "mass [kg]")
+    close(list(found["wheels"].values()), wheels, 1e-6, "wheels [m, N m, rad/s]")
+    close(found["axes"], [[0, 1, 0]] * 2, 1e-9, "axes")
+    close(found["laser"][0], [mount.x, mount.y, mount.z], 1e-6, "mount [m]")
+    close(found["laser"][1], turn, 1e-6, "mount (rotation)")
 
 
-def same_log(path: Any, files: Files) -> str:
-    """Return why a bag is read as another log than that of the package's own bag."""
-    found, wanted = load_log(path), files.bag.log
-    if found.notes:
-        return f"notes: {found.notes}"
-    ranges = [np.nan_to_num(log.ranges, nan=-1.0, posinf=-2.0) for log in (found, wanted)]
-    angles = [log.lidar.angles + log.lidar.mount.yaw for log in (found, wanted)]
-    return (
-        close(found.times, wanted.times, 1e-6, "times [s]")
-        or close(found.odometry, wanted.odometry, 1e-9, "odometry [m]")
-        or close(*ranges, 0, "ranges [m]")
-        or close(*angles, 1e-6, "angles [rad]")
-        or ("" if math.isclose(found.lidar.range_max, wanted.lidar.range_max) else "range_max")
-    )
+def scan(environment: str, simulator: str, degrees: float, files: Files) -> None:
+    """Compare directions, ranges and the value at no return of 36 beams of 4 m with those of another simulator."""
+    lidar = LidarParams(num_beams=36, range_max=4.0, fov=math.radians(degrees))
+    world = make_room(0.0, 0.0, 8.0, 6.0, circles=[(2.5, 2.5, 0.3)])
+    start = Pose2D(1.5, 1.0, 0.5)
+    ours = make_simulator("kinematic", replace(ROBOT, lidar=lidar), 0.1)
+    (reading,) = ours.reset(world, [start], np.random.default_rng(0).spawn(1))
+    given = {"walls": world.segments.tolist(), "pillar": world.circles[0].tolist(), "start": start}
+    given |= {"fov": lidar.fov, "beams": lidar.num_beams, "range_max": lidar.range_max}
+    found = run(environment, "peers", simulator.replace("-", ""), files.folder_of(simulator), **given)
+    angles, ranges, is_hit = np.array(found["angles"]), np.array(found["ranges"]), np.isfinite(reading.ranges)
+    is_same = np.abs(np.sin(0.5 * (angles - lidar.angles))).max() < 1e-6
+    if is_same:
+        close(ranges[is_hit], reading.ranges[is_hit], 1e-3, "ranges [m]")
+    first, step, missed = np.degrees(angles[0]), np.degrees(angles[1] - angles[0]), ranges[~is_hit]
+    told = [] if is_same else [f"first beam at {first:.4g} deg, steps of {step:.4g} deg"]
+    told += [] if np.isinf(missed).all() else [f"no return is {missed[0]:.4g} m"]
+    assert not told, "; ".join(told)
 
 
-BAG, ROS1, MAP, GRAPH = "bag (MCAP)", "bag (ROS 1{}, converted by rosbags)", "map ({})", "pose graph (g2o)"
-POLICY, URDF = "policy (ONNX)", "robot (URDF)"
-OTHER_ERROR = "its error is that of the inverse motion"
-OTHER_FRAMES = "it reads only LZ4 frames with a checksum, without a size, and of independent blocks"
-NO_ROOT = "the root link becomes a part of the world"
+def training(library: str, files: Files) -> None:
+    """Run the test in `tests/examples` that needs a library."""
+    word = {"optuna": "search", "ray[rllib]": "rllib", "sbx-rl": "sbx"}.get(library, library)
+    python, tests = make("learning") / "bin" / "python", ROOT / "tests" / "examples"
+    output = call([python, "-m", "pytest", "-q", "-k", word, tests], env=os.environ | {"OMP_NUM_THREADS": "1"})
+    assert "skipped" not in output, "a test is skipped"
+
+
+BAG, GRAPH, POLICY, URDF = "bag (MCAP)", "pose graph (g2o)", "policy (ONNX)", "robot (URDF)"
+TWICE, MISS = "first beam at -180 deg, steps of 10.29 deg", "no return is 4 m"
+LZ4_FRAMES = "it reads only LZ4 frames with a checksum, without a size, and of independent blocks"
+FORMS = ("ROS 1", "ROS 1 in BZ2", "ROS 1 in LZ4")
 CHECKS = [
-    Check(BAG, "bags", "rosbags", _bag("bags", "bags.py", "read", "rosbags")),
-    Check(BAG, "bags", "mcap-ros2-support", _bag("bags", "bags.py", "read", "mcap")),
-    Check(BAG, "npm", "@mcap/core", _bag("npm", "bags.mjs", "read")),
-    Check(f"{BAG}: scans placed by `/tf`", "debian", "python3-tf2", _placed_scans),
-    Check(f"{BAG}: map and poses", "npm", "ros2d", _drawn),
-    *(Check(ROS1.format(kind), "npm", "@foxglove/rosbag", _ros1_bag(kind, "npm", "bags.mjs")) for kind in ROS1_KINDS),
+    (BAG, "bags", "rosbags", partial(bag, "bags", "rosbags")),
+    (BAG, "bags", "mcap-ros2-support", partial(bag, "bags", "mcap")),
+    (BAG, "npm", "@mcap/core", partial(bag, "npm", "read")),
+    (f"{BAG}: map and poses", "npm", "ros2d", drawn),
+    ("bag (ROS 1): scans placed by `/tf`", "debian", "python3-tf2", placed_scans),
+    *((f"bag ({form})", "npm", "@foxglove/rosbag", partial(ros1_bag, "npm", "bags", form)) for form in FORMS),
+    *((f"bag ({form})", "debian", "python3-rosbag", partial(ros1_bag, "debian", "debian", form)) for form in FORMS),
+    ("trajectory (TUM)", "graphs", "evo", trajectory),
+    *((GRAPH, "graphs", library, partial(graph, library)) for library in ("gtsam", "g2opy", "graphslam")),
     *(
-        Check(ROS1.format(kind), "debian", "python3-rosbag", _ros1_bag(kind, "debian", "debian.py"), known)
-        for kind, known in zip(ROS1_KINDS, ("", "", OTHER_FRAMES))
+        (f"map ({image})", "maps", library, partial(saved_map, library, image))
+        for library in ("pillow", "opencv-python-headless")
+        for image in ("map.pgm", "map.png", "scale.png")
     ),
-    Check("trajectory (TUM)", "graphs", "evo", _trajectory),
-    Check(GRAPH, "graphs", "gtsam", _graph("gtsam")),
-    Check(GRAPH, "graphs", "g2opy", _graph("g2opy")),
-    Check(GRAPH, "graphs", "graphslam", _graph("graphslam"), OTHER_ERROR),
-    *(Check(MAP.format(image), "maps", "pillow", _map("pillow", image)) for image in IMAGES),
-    *(Check(MAP.format(image), "maps", "opencv-python-headless", _map("opencv", image)) for image in IMAGES),
-    Check(POLICY, "onnx", "onnxruntime", _policy("onnxruntime")),
-    Check(POLICY, "onnx", "onnx", _policy("reference")),
-    Check(POLICY, "onnx", "openvino", _policy("openvino")),
-    Check(URDF, "robots", "pybullet", _robot("pybullet")),
-    Check(URDF, "robots", "yourdfpy", _robot("yourdfpy")),
-    Check(URDF, "robots", "pin", _robot("pinocchio")),
-    Check(URDF, "robots", "mujoco", _robot("mujoco"), NO_ROOT),
+    *((POLICY, "onnx", library, partial(policy, library)) for library in ("onnxruntime", "onnx", "openvino")),
+    *((URDF, "robots", library, partial(robot, library)) for library in ("pybullet", "yourdfpy", "pin", "mujoco")),
+    *(
+        (f"scan of {degrees} degrees", environment, simulator, partial(scan, environment, simulator, degrees))
+        for environment, simulator in (("peers", "ir-sim"), ("peers", "navground"), ("learning", "vmas"))
+        for degrees in (360, 270)
+    ),
 ]
+"""File, environment, package and comparison."""
+DIFFERENT = {
+    ("bag (ROS 1 in LZ4)", "python3-rosbag"): ("malformed", LZ4_FRAMES),
+    (GRAPH, "graphslam"): ("chi2", "its error is that of the inverse motion"),
+    (URDF, "mujoco"): ("mass", "the root link becomes a part of the world"),
+    **{("scan of 270 degrees", simulator): (f"differs: {MISS}", "") for simulator in ("ir-sim", "navground", "vmas")},
+    **{("scan of 360 degrees", simulator): (f"differs: {TWICE}; {MISS}", "") for simulator in ("ir-sim", "navground")},
+    ("scan of 360 degrees", "vmas"): (f"differs: {MISS}", ""),
+}
+"""What differs by no fault of this package: symptom and reason."""
+
+
+def read_by_others(files: Files, only: str) -> Iterator[Cell]:
+    for file, environment, package, compare in CHECKS:
+        if only in f"{file} {package}":
+            different = DIFFERENT.get((file, package), ("", ""))
+            yield Cell(file, versioned(environment, package), compare, "equal", *different)
+
+
+def trained_by_others(files: Files, only: str) -> Iterator[Cell]:
+    for pin in PINS["learning"]:
+        library, _, version = pin.replace("[create,hdf5]", "").partition("==")
+        if library not in BASE and only in f"learning {library}":
+            yield Cell(library, version, partial(training, library), "runs")

@@ -69,10 +69,9 @@ def make(name: str) -> Path:
 
 
 def _install_python(folder: Path, pins: tuple[str, ...]) -> None:
-    own = ["--editable", ROOT] if "lidarnaut" in pins else []
     call([sys.executable, "-m", "venv", folder])
     pip = [folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-compile"]
-    call([*pip, *own, *(pin for pin in pins if pin != "lidarnaut")], 3 * TIMEOUT)
+    call([*pip, *pins], 3 * TIMEOUT, cwd=ROOT)
 
 
 def _install_npm(folder: Path, pins: tuple[str, ...]) -> None:
@@ -91,38 +90,30 @@ def _install_debian(folder: Path, pins: tuple[str, ...]) -> None:
         call(["dpkg", "--extract", package, folder])
 
 
-def run(environment: str, client: str, *arguments: Any, given: Any = None) -> Any:
-    """Run a client with arguments and JSON as its input; return the JSON of its last line.
+def run(environment: str, client: str, function: str, *arguments: Any, **given: Any) -> Any:
+    """Run a function of a client; return the JSON of its last line.
 
     Raises:
         SkippedError: the environment cannot be made.
         RefusedError: the client fails.
     """
-    folder, variables = make(environment), os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": ""}
-    if environment != "learning":  # whose kernels are in the cache of this package
-        variables["HOME"] = str(FOLDER)
+    folder, variables = make(environment), os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": "", "HOME": str(FOLDER)}
+    command = [folder / "bin" / "python", CLIENTS / "client.py", client]
     if environment == "npm":
-        shutil.copy(CLIENTS / client, folder)  # modules are looked for beside the script
-        command = ["node", folder / client]
+        shutil.copy(CLIENTS / f"{client}.mjs", folder)  # modules are looked for beside the script
+        command = ["node", folder / f"{client}.mjs"]
     elif environment == "debian":
         packages = folder / "usr" / "lib" / "python3" / "dist-packages"
         libraries = next((folder / "usr" / "lib").glob("*-linux-gnu*"))
         found = (libraries, libraries / "blas", libraries / "lapack")
         variables |= {"PYTHONPATH": str(packages), "LD_LIBRARY_PATH": ":".join(map(str, found))}
-        command = ["/usr/bin/python3", CLIENTS / client]
-    elif client == "pytest":  # tests that need these libraries
-        command, arguments = (
-            [folder / "bin" / "python", "-m", "pytest", "-q"],
-            ("-k", *arguments, ROOT / "tests" / "examples"),
-        )
-    else:
-        command = [folder / "bin" / "python", CLIENTS / client]
-    output = call([*command, *arguments], input=json.dumps(given), env=variables)
+        command[0] = "/usr/bin/python3"
+    output = call([*command, function, *arguments], input=json.dumps(given), env=variables)
     # Some libraries print at exit.
     return json.loads(next((line for line in reversed(output.splitlines()) if line.startswith(("{", "["))), "null"))
 
 
-def version_of(environment: str, package: str) -> str:
-    """Return the pinned version of a package of an environment."""
-    pin = next(pin for pin in PINS[environment] if pin.startswith((f"{package}=", f"{package}@", f"{package}[")))
-    return pin.rpartition("@" if environment == "npm" else "=")[2]
+def versioned(environment: str, package: str) -> str:
+    """Return a package of an environment with its pinned version."""
+    pin = next(pin for pin in PINS[environment] if pin.startswith((f"{package}=", f"{package}@")))
+    return f"{package} {pin.rpartition('@' if environment == 'npm' else '=')[2]}"

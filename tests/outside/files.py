@@ -1,29 +1,39 @@
 """Files of the package, for the checks: written once, in a temporary folder."""
 
 import functools
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import gymnasium
 import numpy as np
 
 import lidarnaut
-from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.logs import load_log
 from lidarnaut.envs.logs.bag_writer import BagWriter
 from lidarnaut.envs.logs.runs import save_g2o
 from lidarnaut.envs.logs.trajectory import save_trajectory
-from lidarnaut.envs.slam.posegraph.graph import PoseGraph, PoseGraphView
-from lidarnaut.envs.slam.posegraph.optimise import chi_squares, optimise_step
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.robots.robot_params import LidarParams, Mount
+from lidarnaut.envs.slam.posegraph import PoseGraph, PoseGraphView, chi_squares
 from lidarnaut.envs.worlds import save_map
 from lidarnaut.envs.wrappers.record_bag import BagRecorder
+from tests.slam.graph.test_optimise import optimise
 
-from .clients.plain import plain
+from .clients.client import plain
 from .environments import run
 
-ROBOT = Path(__file__).with_name("robot.yaml")
-"""A robot whose lidar is mounted off the axes: forward, to the left, turned and tilted."""
+_CREATE = load_robot("create3")
+_MOUNT = Mount(x=0.1, y=0.04, z=0.25, yaw=0.6, pitch=0.05, roll=-0.04)
+ROBOT = replace(
+    _CREATE,
+    lidar=LidarParams(num_beams=90, range_min=0.1, range_max=3.0, mount=_MOUNT),
+    odometry=replace(_CREATE.odometry, wheel_radius=0.035),
+)
+"""A robot whose lidar is mounted off the axes: forward, to the left, turned and tilted; its odometry is wrong."""
 
 
 class Files:
@@ -31,6 +41,11 @@ class Files:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+
+    def folder_of(self, name: str) -> Path:
+        path = self.folder / name
+        path.mkdir(exist_ok=True)
+        return path
 
     @functools.cached_property
     def bag(self) -> SimpleNamespace:
@@ -48,24 +63,23 @@ class Files:
             "physics": "kinematic",
             "people": 2,
         }
-        with gymnasium.make("lidarnaut/Explore-v0", robot=str(ROBOT), **arguments) as env:
-            BagWriter.write = listen  # type: ignore[method-assign]
-            try:
-                with BagRecorder(env, path):
-                    env.reset(seed=3)
-                    for k in range(60):
-                        env.step(np.array([0.8, np.sin(0.3 * k)], dtype=np.float32))
-            finally:
-                BagWriter.write = write  # type: ignore[method-assign]
+        with (
+            gymnasium.make("lidarnaut/Explore-v0", robot=ROBOT, **arguments) as env,
+            patch.object(BagWriter, "write", listen),
+            BagRecorder(env, path),
+        ):
+            env.reset(seed=3)
+            for k in range(60):
+                env.step(np.array([0.8, np.sin(0.3 * k)], dtype=np.float32))
         return SimpleNamespace(path=path, messages=messages, log=load_log(path))
 
     @functools.cached_property
     def bags_of_others(self) -> dict[str, str]:
         """Paths of the messages of the bag as others write them, by tool and form."""
-        folder = self.folder / "bags"
-        found = run("bags", "bags.py", "write", self.bag.path, folder)
-        found |= run("npm", "bags.mjs", "write", self.bag.path, folder / "js.mcap")
-        return found | run("debian", "debian.py", "write", found["rosbags, ROS 1"], folder)
+        folder = self.folder_of("bags")
+        found = run("bags", "bags", "write", self.bag.path, folder)
+        found |= run("npm", "bags", "write", self.bag.path, folder / "js.mcap")
+        return found | run("debian", "debian", "write", found["rosbags, ROS 1"], folder)
 
     @functools.cached_property
     def trajectory(self) -> SimpleNamespace:
@@ -81,25 +95,20 @@ class Files:
     @functools.cached_property
     def graph(self) -> SimpleNamespace:
         """A pose graph of 4 submaps and 40 nodes on a circle: `path`, chi2 `before` and `after`, and `poses` after."""
-        rng, graph = np.random.default_rng(1), PoseGraph()
-        angles = 2.0 * np.pi * np.arange(40) / 40
-        truth = np.stack([5.0 * np.cos(angles), 5.0 * np.sin(angles), angles + np.pi / 2], axis=1)
-        for pose in truth[::10]:
-            graph.add_submap(pose + (rng.normal(0.0, [0.1, 0.1, 0.03]) if graph.num_submaps else 0.0))
+        rng, graph, angles = np.random.default_rng(1), PoseGraph(), 2.0 * np.pi * np.arange(40) / 40
+        truth = [Pose2D(5.0 * np.cos(angle), 5.0 * np.sin(angle), angle + np.pi / 2) for angle in angles]
+        for k, pose in enumerate(truth[::10]):
+            graph.add_submap(pose + (rng.normal(0.0, [0.1, 0.1, 0.03]) if k else np.zeros(3)))
         for k, pose in enumerate(truth):
             graph.add_node(pose + rng.normal(0.0, [0.1, 0.1, 0.03]))
             for submap in {k // 10, (k // 10 + 1) % 4, (k // 10 - 1) % 4}:
-                base = truth[10 * submap]
-                c, s = np.cos(base[2]), np.sin(base[2])
-                moved = np.array([[c, s], [-s, c]]) @ (pose - base)[:2]
-                relative = np.array([*moved, (pose - base)[2]]) + rng.normal(0.0, 0.02, 3)
+                relative = truth[10 * submap].between(pose) + rng.normal(0.0, 0.02, 3)
                 graph.add_constraint(k, submap, relative, np.diag([0.02, 0.05, 0.01]) ** 2)
         view = PoseGraphView(graph.arrays)
         save_g2o(path := self.folder / "graph.g2o", view.nodes, view.edges)
-        before = float(chi_squares(graph.arrays).sum())
-        while optimise_step(graph.arrays, np.inf) > 1e-10:
-            pass
-        after = float(chi_squares(graph.arrays).sum())
+        before = chi_squares(graph.arrays).sum()
+        optimise(graph.arrays, phi=np.inf, max_iterations=60, tolerance=1e-11)
+        after = chi_squares(graph.arrays).sum()
         return SimpleNamespace(path=path, before=before, after=after, poses=view.nodes, num_edges=len(view.edges))
 
     @functools.cached_property

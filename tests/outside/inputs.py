@@ -1,8 +1,10 @@
 """Files that other tools write from valid data, given to the readers of the package."""
 
+import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,71 +13,83 @@ from lidarnaut.envs.logs.relations import load_relations
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.worlds import load_map
 
-from .checks import close, same_log
-from .environments import run
-from .files import ROBOT, Files
+from .cells import Cell, close
+from .environments import ROOT, RefusedError, SkippedError, run
+from .files import Files
+
+CREATE = ROOT / "envs" / "robots" / "library" / "create3.yaml"
 
 
-class Input(NamedTuple):
-    """A file of another tool, with the function that reads it and returns why the result is wrong (empty if right)."""
+def written_by_others(files: Files, only: str) -> Iterator[Cell]:
+    for door in (bags, maps, robots, graphs):
+        if only in f"inputs {door.__name__}":
+            try:
+                yield from door(files)
+            except (SkippedError, RefusedError) as error:
+                yield Cell(door.__name__, "all", partial(fail, error))
 
-    door: str
-    name: str
-    read: Callable[[], str]
-    is_refused: bool = False
-    """Whether the package has no reader of this kind of file, and must refuse it in one line."""
+
+def fail(error: Exception, files: Files) -> None:
+    raise error
 
 
-def bags(files: Files) -> Iterator[Input]:
+def bags(files: Files) -> Iterator[Cell]:
     for name, path in files.bags_of_others.items():
-        yield Input("bag", name, lambda path=path: same_log(path, files))
+        yield Cell("bag", name, partial(same_log, path), "read")
 
 
-def maps(files: Files) -> Iterator[Input]:
+def same_log(path: str, files: Files) -> None:
+    found, wanted = load_log(path), files.bag.log
+    ranges = [np.nan_to_num(log.ranges, nan=-1.0, posinf=-2.0) for log in (found, wanted)]
+    angles = [log.lidar.angles + log.lidar.mount.yaw for log in (found, wanted)]
+    assert not found.notes, "; ".join(found.notes)
+    close(found.times, wanted.times, 1e-6, "times [s]")
+    close(found.odometry, wanted.odometry, 1e-9, "odometry [m]")
+    close(*ranges, 0, "ranges [m]")
+    close(*angles, 1e-6, "angles [rad]")
+    close(found.lidar.range_max, wanted.lidar.range_max, 1e-8, "range_max [m]")
+
+
+def maps(files: Files) -> Iterator[Cell]:
     grid = files.grid
     classes = np.where(grid.free, "free", np.where(grid.occupied, "occupied", "unknown"))
     given = {"classes": classes[::-1].tolist(), "resolution": grid.resolution, "origin": grid.origin}
-    wanted = np.where(grid.free, 0, np.where(grid.occupied, 100, -1))
-
-    def read(path: str) -> str:
-        found = load_map(path)
-        gap = close(
-            [found.resolution, *found.origin], [grid.resolution, *grid.origin], 1e-9, "resolution or origin [m]"
-        )
-        return gap or close(found.data, wanted, 0, "cells [%]")
-
-    for name, path in run("maps", "maps.py", "write", files.folder / "maps", given=given).items():
-        yield Input("map", name, lambda path=path: read(path))
+    for name, path in run("maps", "maps", "write", files.folder_of("maps"), **given).items():
+        yield Cell("map", name, partial(same_map, path), "read")
 
 
-def robots(files: Files) -> Iterator[Input]:
-    def read(path: str) -> str:
-        return "" if load_robot(path) == load_robot(ROBOT) else "another robot"
-
-    for name, path in run("maps", "maps.py", "write_yaml", ROBOT, files.folder / "yaml").items():
-        yield Input("robot", name, lambda path=path: read(path))
-    urdf = str(files.urdf)
-    for name, path in {
-        "URDF of this package": urdf,
-        **run("robots", "robots.py", "write", urdf, files.folder / "urdf"),
-    }.items():
-        yield Input("robot", name, lambda path=path: refused(load_robot, path), is_refused=True)
+def same_map(path: str, files: Files) -> None:
+    found, grid = load_map(path), files.grid
+    places = [[one.resolution, *one.origin] for one in (found, grid)]
+    cells = np.where(grid.free, 0, np.where(grid.occupied, 100, -1))
+    close(*places, 1e-9, "resolution or origin [m]")
+    close(found.data, cells, 0, "cells [%]")
 
 
-def others(files: Files) -> Iterator[Input]:
-    for name, path in run("graphs", "graphs.py", "write", files.folder / "graphs").items():
+def robots(files: Files) -> Iterator[Cell]:
+    for name, path in run("maps", "maps", "write_yaml", CREATE, files.folder_of("yaml")).items():
+        yield Cell("robot", name, partial(same_robot, path), "read")
+    written = run("robots", "robots", "write", files.urdf, files.folder_of("urdf"))
+    for name, path in {"URDF of this package": str(files.urdf), **written}.items():
+        yield Cell("robot", name, partial(refuses, load_robot, path), "refused in one line")
+
+
+def same_robot(path: str, files: Files) -> None:
+    assert load_robot(path) == load_robot("create3"), "another robot"
+
+
+def graphs(files: Files) -> Iterator[Cell]:
+    given = files.graph.path, files.trajectory.path
+    for name, path in run("graphs", "graphs", "write", *given, files.folder_of("graphs")).items():
         for door, reader in (("log", load_log), ("relations", load_relations)):
-            yield Input(door, name, lambda reader=reader, path=path: refused(reader, path), is_refused=True)
+            yield Cell(door, name, partial(refuses, reader, path), "refused in one line")
 
 
-def refused(reader: Callable[[Any], Any], path: str) -> str:
-    """Return why a reader does not refuse a file in one line that names it; empty if it does."""
+def refuses(reader: Callable[[Any], Any], path: str, files: Files) -> None:
+    """Raise an AssertionError unless a reader refuses a file in one line that names it."""
     try:
         reader(Path(path))
+        answer = "is read"
     except ValueError as error:
-        text = str(error)
-        return "" if text.startswith(path) and "\n" not in text else f"refused by {text!r}"
-    return "is read"
-
-
-DOORS = {"bags": bags, "maps": maps, "robots": robots, "graphs, trajectories": others}
+        answer = str(error)
+    assert re.fullmatch(f"{re.escape(path)}.*", answer), answer

@@ -59,19 +59,18 @@ async function readRosbag(messages) {
 }
 
 async function copyMcap() {
-  const reader = await openMcap(), file = await open(out, "w"), channels = new Map();
+  const reader = await openMcap(), file = await open(out, "w"), schemas = new Map(), channels = new Map();
   let written = 0n;
   const write = async (data) => { written += BigInt((await file.write(data)).bytesWritten); };
   const writer = new McapWriter({ writable: { position: () => written, write }, chunkSize: 4096 });
   await writer.start({ profile: "ros2", library: "" });
-  for await (const message of reader.readMessages()) {
-    const channel = reader.channelsById.get(message.channelId);
-    if (!channels.has(channel.id)) {
-      const schemaId = await writer.registerSchema(reader.schemasById.get(channel.schemaId));
-      channels.set(channel.id, await writer.registerChannel({ ...channel, schemaId }));
-    }
-    await writer.addMessage({ ...message, channelId: channels.get(channel.id) });
+  for (const schema of reader.schemasById.values()) schemas.set(schema.id, await writer.registerSchema(schema));
+  for (const channel of reader.channelsById.values()) {
+    const schemaId = schemas.get(channel.schemaId);
+    channels.set(channel.id, await writer.registerChannel({ ...channel, schemaId }));
   }
+  for await (const message of reader.readMessages())
+    await writer.addMessage({ ...message, channelId: channels.get(message.channelId) });
   await writer.end();
   await file.close();
 }

@@ -1,16 +1,10 @@
-"""Pose graphs and trajectories: `graphs.py FUNCTION ARGUMENTS...`; prints JSON."""
+"""Pose graphs and trajectories by GTSAM, g2o, graphslam and evo."""
 
-import contextlib
-import io
-import json
-import sys
 from pathlib import Path
 
 import g2opy
 import gtsam
-import numpy as np
 from evo.core import metrics, sync
-from evo.core.trajectory import PoseTrajectory3D
 from evo.core.units import Unit
 from evo.tools import file_interface
 from graphslam.graph import Graph
@@ -23,10 +17,7 @@ def optimise(library, path):
         sizes, before = [initial.size(), graph.size()], 2 * graph.error(initial)
         held = gtsam.NonlinearFactorGraph(graph)
         held.add(gtsam.PriorFactorPose2(0, initial.atPose2(0), gtsam.noiseModel.Constrained.All(3)))
-        settings = gtsam.LevenbergMarquardtParams()
-        settings.setRelativeErrorTol(1e-14)
-        settings.setAbsoluteErrorTol(1e-14)
-        found = gtsam.LevenbergMarquardtOptimizer(held, initial, settings).optimize()
+        found = gtsam.LevenbergMarquardtOptimizer(held, initial).optimize()
         after = 2 * graph.error(found)
         poses = [[found.atPose2(k).x(), found.atPose2(k).y()] for k in range(found.size())]
     elif library == "g2opy":
@@ -66,34 +57,18 @@ def errors(estimate, truth):
     return found
 
 
-def write(folder):
-    """Write a pose graph and a trajectory by each library; return the paths."""
-    folder = Path(folder)
-    folder.mkdir(parents=True)
-    found = {name: str(folder / file) for name, file in {
-        "pose graph of GTSAM": "gtsam.g2o", "pose graph of g2o": "g2o.g2o", "pose graph of graphslam": "graphslam.g2o",
-        "trajectory of evo (TUM)": "evo.txt", "trajectory of evo (KITTI)": "kitti.txt",
-    }.items()}  # fmt: skip
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    noise = gtsam.noiseModel.Diagonal.Sigmas([0.1, 0.1, 0.05])
-    for k in range(4):
-        values.insert(k, gtsam.Pose2(k, 0.1 * k, 0.2 * k))
-        if k:
-            graph.add(gtsam.BetweenFactorPose2(k - 1, k, gtsam.Pose2(1.0, 0.1, 0.2), noise))
-    gtsam.writeG2o(graph, values, found["pose graph of GTSAM"])
+def write(graph, trajectory, folder):
+    """Read a pose graph and a trajectory, and write them by each library; return the paths."""
+    names = {name: f"{name}.g2o" for name in ("pose graph of GTSAM", "pose graph of g2o", "pose graph of graphslam")}
+    names |= {name: f"{name}.txt" for name in ("trajectory of evo (TUM)", "trajectory of evo (KITTI)")}
+    found = {name: str(Path(folder) / file) for name, file in names.items()}
+    by_gtsam, by_g2o, by_graphslam, tum, kitti = found.values()
+    gtsam.writeG2o(*gtsam.readG2o(graph), by_gtsam)
     optimizer = g2opy.SparseOptimizer()
-    assert optimizer.load(found["pose graph of GTSAM"])
-    optimizer.save(found["pose graph of g2o"])
-    Graph.from_g2o(found["pose graph of GTSAM"]).to_g2o(found["pose graph of graphslam"])
-    angles = 0.2 * np.arange(5)
-    turns = np.stack([np.cos(angles / 2), 0 * angles, 0 * angles, np.sin(angles / 2)], axis=1)
-    path = PoseTrajectory3D(np.stack([np.arange(5.0), 0 * angles, 0 * angles], axis=1), turns, 100.0 + np.arange(5.0))
-    file_interface.write_tum_trajectory_file(found["trajectory of evo (TUM)"], path)
-    file_interface.write_kitti_poses_file(found["trajectory of evo (KITTI)"], path)
+    assert optimizer.load(graph)
+    optimizer.save(by_g2o)
+    Graph.from_g2o(graph).to_g2o(by_graphslam)
+    path = file_interface.read_tum_trajectory_file(trajectory)
+    file_interface.write_tum_trajectory_file(tum, path)
+    file_interface.write_kitti_poses_file(kitti, path)
     return found
-
-
-if __name__ == "__main__":
-    with contextlib.redirect_stdout(io.StringIO()):  # some libraries print
-        answer = globals()[sys.argv[1]](*sys.argv[2:])
-    print(json.dumps(answer))

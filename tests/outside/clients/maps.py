@@ -1,7 +1,6 @@
-"""Maps and YAML files by Pillow, OpenCV and ruamel.yaml: `maps.py FUNCTION ARGUMENTS...`; prints JSON."""
+"""Maps and YAML files by Pillow, OpenCV and ruamel.yaml."""
 
 import json
-import sys
 from pathlib import Path
 
 import cv2
@@ -26,27 +25,25 @@ EXPONENTS = (
 def read(library, image, file):
     """Return the pixels of a saved map, grey or grey with transparency, and the content of its YAML file."""
     pixels = np.asarray(Image.open(image)) if library == "pillow" else cv2.imread(image, cv2.IMREAD_UNCHANGED)
-    if library == "opencv" and pixels.ndim == 3:  # it has no grey images with transparency: blue, green, red, alpha
+    if library != "pillow" and pixels.ndim == 3:  # it has no grey images with transparency: blue, green, red, alpha
         pixels = pixels[..., [0, 3]]
     return {"pixels": pixels.tolist(), "yaml": YAML(typ="safe").load(Path(file))}
 
 
-def write(folder):
+def write(folder, classes, resolution, origin):
     """Write a map in the styles of other programs; return the YAML files by style.
 
-    Input: the classes of the cells ("free", "occupied", "unknown"), top row first, resolution and origin.
+    `classes`: "free", "occupied" or "unknown" for each cell, top row first.
     """
-    folder, given, found = Path(folder), json.load(sys.stdin), {}
-    folder.mkdir(parents=True)
-    classes = np.array(given["classes"])
+    found, classes = {}, np.array(classes)
 
     def grey(free=254, occupied=0, unknown=205, dtype=np.uint8):
         return np.select([classes == "free", classes == "occupied"], [free, occupied], unknown).astype(dtype)
 
     def add(name, suffix, save, text=None, **changes):
-        path = folder / f"{len(found)}.{suffix}"
+        path = Path(folder) / f"{len(found)}.{suffix}"
         save(path)
-        content = {"image": path.name, "resolution": given["resolution"], "origin": [*given["origin"], 0.0]}
+        content = {"image": path.name, "resolution": resolution, "origin": [*origin, 0.0]}
         content |= {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.196} | changes
         with (file := path.with_suffix(".yaml")).open("w") as out:
             out.write(text.format(**content)) if text else YAML().dump(content, out)
@@ -80,7 +77,6 @@ def write(folder):
 def write_yaml(source, folder):
     """Write a YAML file in other styles; return the paths by style."""
     folder, content, found = Path(folder), YAML(typ="safe").load(Path(source)), {}
-    folder.mkdir(parents=True)
     for style in ("default_flow_style", "canonical", "explicit_start", "allow_unicode"):
         yaml = YAML(typ="safe")
         setattr(yaml, style, True)
@@ -88,7 +84,3 @@ def write_yaml(source, folder):
         yaml.dump(content, folder / f"{style}.yaml")
     (folder / "json.yaml").write_text(json.dumps(content, indent=1))
     return found | {"JSON": str(folder / "json.yaml")}
-
-
-if __name__ == "__main__":
-    print(json.dumps(globals()[sys.argv[1]](*sys.argv[2:])))

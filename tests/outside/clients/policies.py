@@ -1,28 +1,23 @@
-"""Run an ONNX file: `policies.py onnxruntime|reference|openvino FILE`; reads and prints arrays by name."""
+"""ONNX files by three runtimes."""
 
-import json
-import sys
+from functools import partial
 
 import numpy as np
 
-library, path = sys.argv[1:]
-given = json.load(sys.stdin)
-results = []
-for batch in given:
-    arrays = {name: np.array(value, dtype=np.float32) for name, value in batch.items()}
-    if library == "onnxruntime":
-        import onnxruntime
 
-        found = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"]).run(None, arrays)
-    elif library == "reference":
+def run(runtime, path, batches):
+    """Return the outputs for each batch of arrays by name."""
+    if runtime == "onnxruntime":
+        from onnxruntime import InferenceSession
+
+        infer = partial(InferenceSession(path, providers=["CPUExecutionProvider"]).run, None)
+    elif runtime == "onnx":
         from onnx.reference import ReferenceEvaluator
 
-        found = ReferenceEvaluator(path).run(None, arrays)
+        infer = partial(ReferenceEvaluator(path).run, None)
     else:
-        import openvino
+        from openvino import Core
 
-        compiled = openvino.Core().compile_model(path, "CPU", {"INFERENCE_PRECISION_HINT": "f32"})
-        answer = compiled(arrays)
-        found = [answer[output] for output in compiled.outputs]
-    results.append([np.asarray(one).tolist() for one in found])
-print(json.dumps(results))
+        infer = Core().compile_model(path, "CPU", {"INFERENCE_PRECISION_HINT": "f32"})
+    found = [infer({name: np.array(value, dtype=np.float32) for name, value in batch.items()}) for batch in batches]
+    return [list(one.values()) if runtime == "openvino" else one for one in found]

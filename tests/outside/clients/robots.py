@@ -1,8 +1,4 @@
-"""Robots: `robots.py load LIBRARY FILE` or `robots.py write FILE FOLDER`; prints JSON."""
-
-import json
-import sys
-from pathlib import Path
+"""Robots (URDF) by PyBullet, yourdfpy, Pinocchio and MuJoCo."""
 
 import mujoco
 import numpy as np
@@ -33,7 +29,7 @@ def load(library, path):
         wheels = {j.name: [*place, j.limit.effort, j.limit.velocity] for j, place in zip(joints, places)}
         axes, at = [joint.axis for joint in joints], robot.get_transform("laser")
         laser, mass = (at[:3, 3], at[:3, :3]), sum(link.inertial.mass for link in robot.robot.links)
-    elif library == "pinocchio":
+    elif library == "pin":
         model = pinocchio.buildModelFromUrdf(path)
         data = model.createData()
         pinocchio.framesForwardKinematics(model, data, pinocchio.neutral(model))
@@ -51,13 +47,7 @@ def load(library, path):
 
 def write(source, folder):
     """Write a URDF file by yourdfpy, and as MJCF by MuJoCo; return the paths."""
-    folder = Path(folder)
-    folder.mkdir(parents=True)
-    found = {"URDF of yourdfpy": str(folder / "robot.urdf"), "MJCF of MuJoCo": str(folder / "robot.xml")}
+    found = {"URDF of yourdfpy": f"{folder}/robot.urdf", "MJCF of MuJoCo": f"{folder}/robot.xml"}
     URDF.load(source).write_xml_file(found["URDF of yourdfpy"])
     mujoco.mj_saveLastXML(found["MJCF of MuJoCo"], mujoco.MjModel.from_xml_path(source))
     return found
-
-
-if __name__ == "__main__":
-    print(json.dumps(globals()[sys.argv[1]](*sys.argv[2:]), default=lambda value: np.asarray(value).tolist()))
