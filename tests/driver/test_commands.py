@@ -10,14 +10,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections import deque
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from lidarnaut.driver.driver import Driver
-from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.logs import messages
 
@@ -31,7 +29,8 @@ from lidarnaut.driver.program import time_limited
 from lidarnaut.driver.rosbridge import Rosbridge
 
 from .recorder import Recorder
-from .test_rosbridge import Topics, wait_for
+from .sessions import Drive, Topics
+from .test_rosbridge import wait_for
 
 STOP = (0.0, 0.0)
 
@@ -355,52 +354,6 @@ def test_large_maps_are_shown_at_a_lower_resolution():
     copied = viewer.limited(small)
     assert not np.shares_memory(copied.data, small.data)
     np.testing.assert_array_equal(copied.data, small.data)
-
-
-class Drive:
-    """A session on a simulated robot, without a server."""
-
-    def __init__(self, **options):
-        self.robot, self.topics = SimulatedRobot("turtlebot3_world", rate=10.0, start="spawn"), Topics()
-        self.session = drive.Session(
-            drive.Options(**{"policy": "pursuit", "use_sim_time": True, **options}), self.topics
-        )
-        self.topics.publish("/tf_static", messages.static_transforms(self.robot.robot.lidar.mount))
-
-    def publish(self):
-        robot = self.robot
-        scan = messages.laser_scan(robot.time, robot.reading.ranges, robot.robot.lidar, 0.1)
-        self.topics.publish("/clock", messages.clock(robot.time))
-        self.topics.publish("/odom", messages.odometry(robot.time, robot.odometry, robot.twist))
-        self.topics.publish("/scan", scan)
-
-    def step(self, steps=1):
-        for _ in range(steps):
-            self.publish()
-            self.robot.step(self.session.step())
-
-    def run(self, seconds, **how):
-        """Run the session's loop, and the robot at full speed beside it."""
-        is_over, ends = threading.Event(), self.robot.time + seconds
-
-        self.topics.waiting = deque()
-
-        def simulate():
-            while not is_over.is_set() and self.robot.time < ends:
-                self.publish()
-                self.robot.step(drive.STOP)
-                time.sleep(0.002)
-                while len(self.topics.waiting) > 30 and not is_over.is_set():  # the first decision compiles
-                    time.sleep(0.002)
-            is_over.set()
-
-        thread = threading.Thread(target=simulate)
-        thread.start()
-        try:
-            return self.session.run(is_over, **how)
-        finally:
-            is_over.set()
-            thread.join()
 
 
 @pytest.mark.parametrize("wrong", ["false", 0.0, [False], None, 1])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs import messages
 from lidarnaut.envs.logs.transforms import seconds
@@ -16,6 +15,8 @@ pytest.importorskip("websockets")
 
 from lidarnaut.driver import drive
 from lidarnaut.driver.frames import MAX_TRANSFORMS, MAX_WAITING, WAIT_FOR_TRANSFORM, WAIT_FOR_TREE, Frames
+
+from .sessions import Drive, Topics
 
 LIDAR = LidarParams(num_beams=4, range_min=0.1, range_max=3.5, fov=1.5, mount=Mount(x=0.4, y=0.1, z=0.2, yaw=0.3))
 YAML_MOUNT = (0.4, 0.1, 0.3)
@@ -421,47 +422,20 @@ def test_odometry_of_a_second_frame_is_ignored(caplog):
     assert "odometry: messages of frame 'camera' are ignored, expected 'base_link'" in text
 
 
-class Topics:
-    """Connection without a server: `publish` of a message calls its subscriber."""
-
-    error = ""
-
-    def __init__(self):
-        self.receivers, self.sent = {}, {}
-
-    def advertise(self, topic, kind, latch=False):
-        pass
-
-    def subscribe(self, topic, kind, receive):
-        self.receivers[topic] = receive
-
-    def publish(self, topic, message):
-        self.sent[topic] = message
-        if topic in self.receivers:
-            self.receivers[topic](message)
-
-
 def driven(steps, *edges, turned=0.0, tf_odometry=False, publish=lambda k, time, topics: None, **options):
     """Drive a simulated robot whose lidar is turned; return session, robot and topics."""
-    robot, topics = SimulatedRobot("turtlebot3_world", "turtlebot3_burger", start="spawn", rate=10.0), Topics()
-    options = {"policy": "pursuit", "use_sim_time": True} | options
-    session = drive.Session(drive.Options(**options), topics)
-    for each in edges:
-        topics.publish("/tf_static", each)
+    run = Drive(*edges, **options)
+    robot = run.robot
     for k in range(steps):
-        time, scan = robot.time, messages.laser_scan(robot.time, robot.reading.ranges, robot.robot.lidar, 0.1)
-        scan.angle_min -= turned
-        odometry = messages.odometry(time, robot.odometry, robot.twist)
-        odometry.child_frame_id = "base_link"
-        topics.publish("/clock", messages.clock(time))
+        sensed = run.sensed()
+        sensed["/odom"].child_frame_id = "base_link"
+        sensed["/scan"].angle_min -= turned
         if tf_odometry:
-            topics.publish("/tf", messages.transforms(time, ("odom", "base_link", robot.odometry)))
-        else:
-            topics.publish("/odom", odometry)
-        publish(k, time, topics)
-        topics.publish("/scan", scan)
-        robot.step(session.step())
-    return session, robot, topics
+            del sensed["/odom"]
+            run.topics.publish("/tf", messages.transforms(robot.time, ("odom", "base_link", robot.odometry)))
+        publish(k, robot.time, run.topics)
+        run.step(sensed=sensed)
+    return run.session, robot, run.topics
 
 
 def error_of(session, robot):
@@ -479,7 +453,7 @@ def test_a_robot_with_a_lidar_that_is_turned_drives_by_its_transforms(how, caplo
     session, robot, topics = driven(60, edge("base_link", "imu"), turned=math.pi / 2, publish=late, **how)
     assert error_of(session, robot) < 0.05
     assert math.dist(robot.start[:2], robot.pose[:2]) > 0.3
-    sent = topics.sent["/tf"].transforms[0]
+    sent = topics.last["/tf"].transforms[0]
     assert (sent.header.frame_id, sent.child_frame_id) == ("map", "odom")
     assert seconds(sent.header.stamp) == pytest.approx(session.time + session.driver.env.control_period)
     assert not caplog.records

@@ -25,6 +25,8 @@ from lidarnaut.driver import drive, serve
 from lidarnaut.driver.rosbridge import Rosbridge, from_json, to_json
 from lidarnaut.driver.server import RosbridgeServer
 
+from .sessions import Drive, Topics
+
 SPEED = 4.0
 SERVED = {"world": "turtlebot3_world", "robot": "turtlebot3_burger", "speed": SPEED}
 
@@ -176,55 +178,19 @@ def test_a_subscriber_that_fails_does_not_end_the_connection(broker, caplog):
             Rosbridge("http://localhost")
 
 
-class Topics:
-    """Connection without a server: `publish` of a message calls its subscriber, and keeps the last message."""
-
-    error = ""
-
-    def __init__(self):
-        self.receivers, self.last = {}, {}
-        self.waiting = None
-        """Messages that wait for `spin`; None to receive them at once."""
-
-    def advertise(self, topic, kind, *, latch=False):
-        pass
-
-    def subscribe(self, topic, kind, receive):
-        self.receivers[topic] = receive
-
-    def publish(self, topic, message):
-        self.last[topic] = message
-        if topic in self.receivers:
-            if self.waiting is None:
-                self.receivers[topic](message)
-            else:
-                self.waiting.append((topic, message))
-
-    def spin(self):
-        while self.waiting:
-            topic, message = self.waiting.popleft()
-            self.receivers[topic](message)
-
-
 @pytest.mark.parametrize("from_messages", [False, True])
 def test_the_lidar_may_be_mounted_upside_down(from_messages):
-    robot, topics = SimulatedRobot(rate=10.0), Topics()
-    options = drive.Options(policy="pursuit", use_sim_time=True, lidar_from_messages=from_messages)
-    session, lidar = drive.Session(options, topics), robot.robot.lidar
+    robot = SimulatedRobot(rate=10.0)
+    lidar = robot.robot.lidar
     static = messages.static_transforms(lidar.mount)
     rotation = static.transforms[1].transform.rotation  # half a turn around x, then 2 rad around z
     rotation.x, rotation.y, rotation.z, rotation.w = math.cos(1.0), math.sin(1.0), 0.0, 0.0
-    topics.publish("/tf_static", static)
-    command = drive.STOP
+    run = Drive(static, robot=robot, lidar_from_messages=from_messages)
     for _ in range(30):
-        scan = messages.laser_scan(robot.time, robot.reading.ranges[::-1], lidar, 0.1)
-        scan.angle_min = 2.0 - lidar.angles[-1]
-        topics.publish("/clock", messages.clock(robot.time))
-        topics.publish("/odom", messages.odometry(robot.time, robot.odometry, robot.twist))
-        topics.publish("/scan", scan)
-        command = session.step()
-        robot.step(command)
-    belief, true = session.driver.belief, robot.start.between(robot.pose)
+        sensed = run.sensed()
+        sensed["/scan"].ranges, sensed["/scan"].angle_min = sensed["/scan"].ranges[::-1], 2.0 - lidar.angles[-1]
+        run.step(sensed=sensed)
+    belief, true = run.session.driver.belief, robot.start.between(robot.pose)
     assert math.dist(belief.pose[:2], true[:2]) < 0.05
     hit = np.isfinite(robot.reading.ranges)
     points = np.column_stack([np.cos(lidar.angles), np.sin(lidar.angles)])[hit] * robot.reading.ranges[hit, None]
@@ -277,14 +243,11 @@ def test_a_served_robot_with_a_lidar_that_spins_is_driven_as_well(from_messages,
 
 @pytest.mark.parametrize("increment", [math.nan, -0.1, 0.001])
 def test_wrong_times_of_beams_are_ignored_with_a_warning(increment, caplog):
-    robot, topics = SimulatedRobot(robot="turtlebot3_burger", rate=10.0), Topics()
-    session = drive.Session(drive.Options(policy="pursuit", use_sim_time=True), topics)
-    topics.publish("/tf_static", messages.static_transforms(robot.robot.lidar.mount))
+    run = Drive()
+    robot, session = run.robot, run.session
     for k in range(10):
         scan = messages.laser_scan(robot.time, robot.reading.ranges, robot.robot.lidar, 0.1, increment if k else 0.0)
-        topics.publish("/clock", messages.clock(robot.time))
-        topics.publish("/odom", messages.odometry(robot.time, robot.odometry, robot.twist))
-        topics.publish("/scan", scan)
+        run.publish(run.sensed() | {"/scan": scan})
         session.step()
         np.testing.assert_array_equal(session.driver.env.reading.ranges, robot.reading.ranges)
         robot.step(Twist(0.1, 0.5))
@@ -309,23 +272,19 @@ def damaged(message, rng):
 
 @pytest.mark.parametrize("from_messages", [False, True])
 def test_damaged_messages_are_dropped(from_messages):
-    robot, topics, rng = SimulatedRobot(rate=10.0), Topics(), random.Random(0)
-    options = drive.Options(policy="pursuit", use_sim_time=True, lidar_from_messages=from_messages)
-    session = drive.Session(options, topics)
-    topics.publish("/tf_static", messages.static_transforms(robot.robot.lidar.mount))
+    run, rng = Drive(robot=SimulatedRobot(rate=10.0), lidar_from_messages=from_messages), random.Random(0)
+    robot, session = run.robot, run.session
     for k in range(150):
-        odometry = messages.odometry(robot.time, robot.odometry, robot.twist)
-        scan = messages.laser_scan(robot.time, robot.reading.ranges, robot.robot.lidar, 0.1)
-        for topic, message in (("/clock", messages.clock(robot.time)), ("/odom", odometry), ("/scan", scan)):
-            topics.publish(topic, message)
+        for topic, message in run.sensed().items():
+            run.topics.publish(topic, message)
             if 20 < k < 120 and rng.random() < 0.3:
                 with contextlib.suppress(Exception):  # as in `Rosbridge`
-                    topics.publish(topic, damaged(message, rng))
+                    run.topics.publish(topic, damaged(message, rng))
         command = session.step()
         assert all(map(math.isfinite, command))
         robot.step(command)
     assert session.reason == ""
-    assert error_of(SimpleNamespace(robot=robot), session) < 0.1
+    assert error_of(run, session) < 0.1
 
 
 @pytest.mark.parametrize(("policy", "is_taken"), [("pursuit", True), ("learned:pretrained/reach", False)])
