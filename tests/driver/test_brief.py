@@ -18,6 +18,8 @@ from lidarnaut.envs.tasks.goals import known_map
 from lidarnaut.envs.tasks.starts import UnknownWorldBrief, UnknownWorldTask
 from lidarnaut.envs.worlds import explorable_area, load_world
 
+from .feeding import NUM_BEAMS, feed
+
 BURGER = "turtlebot3_burger"
 
 
@@ -59,9 +61,7 @@ def own_ids():
 
 
 def begun(driver):
-    driver.odometry((0.0, 0.0, 0.0), 0.0)
-    driver.scan(np.full(360, 0.9), 0.0)
-    driver.command(0.0)
+    feed(driver, 0.0, ranges=np.full(NUM_BEAMS, 0.9))
     return driver
 
 

@@ -21,6 +21,8 @@ from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.worlds import load_world
 
+from .feeding import feed
+
 BURGER = "turtlebot3_burger"
 STEPS = 120
 
@@ -254,11 +256,9 @@ def test_encoders_that_begin_anew_do_not_move_the_robot(first):
 
 def test_a_slow_robot_may_be_pushed_by_hand():
     robot = dataclasses.replace(load_robot(BURGER), max_v=0.1)
-    driver, ranges = Driver(make_explorer("pursuit"), robot, slam="odometry"), np.full(360, 1.0)
+    driver = Driver(make_explorer("pursuit"), robot, slam="odometry")
     for k in range(41):
-        driver.odometry((0.03 * k, 0.0, 0.1 * k), 0.05 * k)  # 0.6 m/s, 2 rad/s
-        driver.scan(ranges, 0.05 * k)
-        driver.command(0.05 * k)
+        feed(driver, 0.05 * k, (0.03 * k, 0.0, 0.1 * k))  # 0.6 m/s, 2 rad/s
     assert not driver.dropped
     assert driver.belief.pose.theta == pytest.approx(wrap_angle(4.0), abs=1e-3)
 
@@ -266,19 +266,13 @@ def test_a_slow_robot_may_be_pushed_by_hand():
 @pytest.mark.parametrize("rate", [None, 0.5])
 @pytest.mark.parametrize("motion", ["odometry", "encoders"])
 def test_a_gyroscope_replaces_the_turns_of_the_wheels(motion, rate):
-    robot, ranges = load_robot(BURGER), np.full(360, 1.0)
+    robot = load_robot(BURGER)
     robot = dataclasses.replace(robot, odometry=dataclasses.replace(robot.odometry, uses_gyro=True))
     driver = Driver(make_explorer("pursuit"), robot, motion=motion, gyro=True, slam="odometry")
     turn = 0.1 * robot.odometry.track / robot.odometry.metres_per_tick / 2
     for k in range(31):
-        if motion == "encoders":
-            driver.encoders(-round(k * turn), round(k * turn), 0.1 * k)
-        else:
-            driver.odometry((0.0, 0.0, 0.1 * k), 0.1 * k)
-        if rate is not None:
-            driver.imu(rate, 0.1 * k)
-        driver.scan(ranges, 0.1 * k)
-        driver.command(0.1 * k)
+        counts = -round(k * turn), round(k * turn)
+        feed(driver, 0.1 * k, counts if motion == "encoders" else (0.0, 0.0, 0.1 * k), rate=rate)
     turned = wrap_angle(3.0) if rate is None else 3.0 * rate
     assert driver.belief.pose.theta == pytest.approx(turned, abs=0.08)
 
@@ -381,9 +375,7 @@ def test_an_initial_pose_may_come_before_the_first_scan():
         controller("pursuit"), BURGER, id="lidarnaut/Navigate-v0", map=env.task.prior(0, np.random.default_rng(0)).map
     )
     driver.initial_pose(1.0, 0.5, 0.3)
-    driver.odometry((0.0, 0.0, 0.0), 0.0)
-    driver.scan(env.reading.ranges, 0.0)
-    driver.command(0.0)
+    feed(driver, 0.0, ranges=env.reading.ranges)
     assert math.dist(driver.belief.pose[:2], (1.0, 0.5)) < 0.5
 
 
@@ -409,9 +401,7 @@ def test_scales_of_odometry_are_found_in_a_log_and_correct_a_robot():
     assert scales == pytest.approx((1.05, 0.9), abs=0.01)
     driver = Driver(make_explorer("pursuit"), BURGER, slam="odometry", odometry_scales=(1.05, 0.9))
     for k, pose in enumerate(measured):
-        driver.odometry(pose, 0.5 * k)
-        driver.scan(np.full(360, 1.0), 0.5 * k)
-        driver.command(0.5 * k)
+        feed(driver, 0.5 * k, pose)
     x, y, theta = driver.belief.pose
     assert math.dist((x, y), truth[-1][:2]) < 0.1
     assert abs(wrap_angle(theta - truth[-1][2])) < 0.02
@@ -474,9 +464,7 @@ def test_zero_is_no_return_where_the_robot_says_so(no_return, caplog):
     driver, ranges = Driver(make_explorer("pursuit"), robot, slam="odometry"), np.full(360, 1.0)
     ranges[:90], ranges[90:95] = 0.0, (math.nan, -1.0, 0.05, 9.0, math.inf)
     for k in range(5):
-        driver.odometry((0.0, 0.0, 0.0), 0.1 * k)
-        driver.scan(ranges, 0.1 * k)
-        driver.command(0.1 * k)
+        feed(driver, 0.1 * k, ranges=ranges)
     expected = np.full(360, 1.0, dtype=np.float32)
     expected[:90], expected[90:95] = math.inf if no_return == "zero" else math.nan, (*[math.nan] * 3, *[math.inf] * 2)
     np.testing.assert_array_equal(driver.env.reading.ranges, expected)

@@ -19,8 +19,9 @@ from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.slam import growing_map
 
-BURGER, NUM_BEAMS = "turtlebot3_burger", 360
-WALLS = np.where(np.arange(NUM_BEAMS) % 90 < 45, 1.0, 2.0)
+from .feeding import NUM_BEAMS, WALLS, feed
+
+BURGER = "turtlebot3_burger"
 BOX = np.full((80, 120), 100, dtype=np.int8)
 BOX[2:-2, 2:-2] = 0
 BOX_MAP = OccupancyGrid(BOX, 0.05, (-1.0, -1.5))
@@ -33,12 +34,6 @@ def explorer(**arguments):
 def goal_driver(id="ReachGoal-v0", **arguments):
     policy = GoalNavigator(GoalParams(local_planner="mppi"))
     return Driver(policy, BURGER, id=f"lidarnaut/{id}", **arguments)
-
-
-def begin(driver, stamp=0.0):
-    driver.odometry((0.0, 0.0, 0.0), stamp)
-    driver.scan(WALLS, stamp)
-    return driver.command(stamp)
 
 
 def state(driver):
@@ -74,7 +69,7 @@ WRONG = (None, "1", [1.0], True, 1j, {}, itertools.count(), np.ones(2), np.True_
 @pytest.mark.parametrize("wrong", WRONG, ids=repr)
 def test_what_is_no_number_raises_a_value_error_that_names_the_kind_and_changes_nothing(wrong):
     driver = goal_driver("Navigate-v0", map=BOX_MAP)
-    begin(driver)
+    feed(driver, 0.0)
     before = state(driver)
     for kind, call in {
         "odometry": lambda: driver.odometry((wrong, 0.0, 0.0), 1.0),
@@ -150,20 +145,15 @@ def test_commands_are_finite_and_within_the_limits_after_all_messages(motion, pe
         assert not driver.has_begun or abs(driver.belief.pose.theta) <= math.pi
     positions = []
     for k in range(10):
-        x = 0.04 * k
-        if motion == "odometry":
-            driver.odometry((x, 0.0, 0.0), now + 1.5 + 0.1 * k)
-        else:
-            driver.encoders(*[round(x / driver.robot.odometry.metres_per_tick)] * 2, now + 1.5 + 0.1 * k)
-        driver.scan(WALLS, now + 1.5 + 0.1 * k)
-        driver.command(now + 1.5 + 0.1 * k)
+        counts = round(0.04 * k / driver.robot.odometry.metres_per_tick)
+        feed(driver, now + 1.5 + 0.1 * k, (0.04 * k, 0.0, 0.0) if motion == "odometry" else (counts, counts))
         positions.append(driver.belief.pose[:2])
     assert math.dist(positions[1], positions[-1]) == pytest.approx(0.04 * 8, abs=0.01)
 
 
 def test_a_scan_is_used_at_least_a_millisecond_after_the_last_one():
     driver = explorer()
-    begin(driver)
+    feed(driver, 0.0)
     driver.odometry((0.04, 0.0, 0.0), 5e-324)
     assert driver.dropped == {"odometry that is not newer than the last": 1}
     driver.odometry((0.04, 0.0, 0.0), 1e-4)
@@ -180,7 +170,7 @@ def test_a_scan_is_used_at_least_a_millisecond_after_the_last_one():
 def test_at_an_implausible_time_the_robot_stops(stamp):
     driver = explorer()
     for k in range(5):
-        begin(driver, 0.1 * k)
+        feed(driver, 0.1 * k)
     assert driver.reason == ""
     driver.odometry((0.0, 0.0, 0.0), 0.5)
     driver.scan(WALLS, 0.5)
@@ -190,7 +180,7 @@ def test_at_an_implausible_time_the_robot_stops(stamp):
 
 def test_messages_of_a_flood_are_not_all_kept():
     driver = explorer()
-    begin(driver)
+    feed(driver, 0.0)
     for k in range(1, 2 * MOST_MESSAGES):
         driver.odometry((0.0, 0.0, 0.0), 1e-6 * k)
         driver.imu(0.0, 1e-6 * k)
@@ -201,12 +191,10 @@ def test_messages_of_a_flood_are_not_all_kept():
 
 def test_a_map_that_would_be_too_large_stops_the_robot(monkeypatch):
     driver = explorer()
-    begin(driver)
+    feed(driver, 0.0)
     monkeypatch.setattr(growing_map, "MAX_CELLS", driver.belief.grid.data.size)
     for k in range(1, 40):
-        driver.odometry((0.5 * k, 0.0, 0.0), k)
-        driver.scan(WALLS, k)
-        command = driver.command(k)
+        command = feed(driver, k, (0.5 * k, 0.0, 0.0))
     assert command == (0.0, 0.0)
     assert driver.reason.startswith("the map would need ")
 
@@ -219,14 +207,7 @@ def test_the_turn_during_a_jump_is_that_of_the_gyroscope(motion, rate, turn):
     driver = Driver(make_explorer("pursuit"), robot, motion=motion, slam="odometry")
     for k in range(10):
         place = 0.0 if k < 5 else 40.0
-        if motion == "encoders":
-            driver.encoders(round(1e5 * place), 0, 0.1 * k)
-        else:
-            driver.odometry((place, place, 0.0), 0.1 * k)
-        if rate is not None:
-            driver.imu(rate, 0.1 * k)
-        driver.scan(WALLS, 0.1 * k)
-        driver.command(0.1 * k)
+        feed(driver, 0.1 * k, (round(1e5 * place), 0) if motion == "encoders" else (place, place, 0.0), rate=rate)
     assert driver.dropped == {f"jump of {motion}": 1}
     assert driver.belief.pose == pytest.approx((0.0, 0.0, turn), abs=5e-3)
 
@@ -236,9 +217,7 @@ def test_motion_that_jumps_all_the_time_stops_the_robot(motion, number):
     driver = explorer(motion=motion)
     for k in range(40):
         place = number * (-1) ** k if 10 <= k < 30 else 0
-        driver.encoders(place, -place, 0.1 * k) if motion == "encoders" else driver.odometry((place, place, 0), 0.1 * k)
-        driver.scan(WALLS, 0.1 * k)
-        driver.command(0.1 * k)
+        feed(driver, 0.1 * k, (place, -place) if motion == "encoders" else (place, place, 0))
         stops = 20 <= k <= 30
         assert (driver.reason == f"jumps of odometry for {0.1 * (k - 9):.1f} s") == stops == (driver.reason != "")
 
@@ -249,7 +228,7 @@ def test_goals_far_from_the_map_are_refused(is_known, has_begun):
     driver = goal_driver("Navigate-v0", map=BOX_MAP) if is_known else goal_driver()
     right = BOX_MAP.bounds[2] if is_known else 0.0
     if has_begun:
-        begin(driver)
+        feed(driver, 0.0)
         right = driver.belief.grid.bounds[2]
     allowed = GOAL_REACH + driver.robot.lidar.range_max
     driver.goal(right + allowed - 0.1, 0.0)
@@ -263,14 +242,12 @@ def test_goals_far_from_the_map_are_refused(is_known, has_begun):
 
 def test_the_allowed_distance_of_goals_moves_with_the_robot():
     driver = goal_driver(slam="odometry")
-    begin(driver)
+    feed(driver, 0.0)
     x = driver.belief.grid.bounds[2] + GOAL_REACH + driver.robot.lidar.range_max + 5.0
     with pytest.raises(ValueError, match="goal"):
         driver.goal(x, 0.0)
     for k in range(1, 20):
-        driver.odometry((k, 0.0, 0.0), k)
-        driver.scan(WALLS, k)
-        driver.command(k)
+        feed(driver, k, (k, 0.0, 0.0))
     driver.goal(x, 0.0)
 
 
@@ -292,10 +269,10 @@ PLANAR = COVARIANCE[np.ix_([0, 1, 5], [0, 1, 5])]
 def test_particles_spread_by_the_covariance_of_an_initial_pose(given, expected, has_begun):
     driver = goal_driver("Navigate-v0", map=BOX_MAP)
     if has_begun:
-        begin(driver)
+        feed(driver, 0.0)
     driver.initial_pose(1.0, 0.5, 0.3, given)
     if not has_begun:
-        begin(driver)
+        feed(driver, 0.0)
     particles = driver.env.robots[0].estimator.particles
     assert particles.mean(axis=0) == pytest.approx((1.0, 0.5, 0.3), abs=0.05)
     np.testing.assert_allclose(np.cov(particles.T), expected, rtol=0.15, atol=0.004)
@@ -322,14 +299,14 @@ def test_wrong_initial_poses_are_refused_and_the_estimate_stays(pose, covariance
     driver = goal_driver("Navigate-v0", map=BOX_MAP)
     driver.initial_pose(1.0, 0.5, 0.3, 0.01 * np.eye(3))
     if has_begun:
-        begin(driver)
+        feed(driver, 0.0)
         before = driver.belief.pose
     with pytest.raises(ValueError, match=message):
         driver.initial_pose(*pose, covariance)
     if has_begun:
         assert driver.belief.pose == before
     else:
-        begin(driver)
+        feed(driver, 0.0)
         assert driver.belief.pose[:2] == pytest.approx((1.0, 0.5), abs=0.05)
 
 
