@@ -30,15 +30,20 @@ def measured(time, first, step, sweep, turn, roll):
     return ranges
 
 
-def record(path, sweep, *, first=-math.pi, step=2.0 * math.pi / BEAMS, turn=0.0, roll=0.0, given=None, rate=50.0):
-    """Write a bag; `given`: `time_increment` of the messages, by default the true one."""
+def record(path, sweep, *, first=-math.pi, step=2.0 * math.pi / BEAMS, turn=0.0, roll=0.0, given=None, rate=50.0,
+           jump=math.inf, begin=0.25, num_scans=15):  # fmt: skip
+    """Write a bag; `given`: `time_increment` of the messages, by default the true one.
+
+    `jump`: time at which odometry jumps by 5 m [s]. `begin`: time of the first scan [s].
+    """
 
     def messages(m):
         yield "/tf_static", m.transforms(0.0, ("base_link", "laser", 0.1, 0.0, turn, roll))
-        for k in range(math.ceil(4.0 * rate) + 1):
-            yield "/odom", m.odometry(100.0 + k / rate, *pose_at(k / rate))
-        for k in range(15):
-            time = 0.25 + k * PERIOD
+        for k in range(math.ceil((begin + num_scans * PERIOD + 1.05) * rate) + 1):
+            x, y, theta = pose_at(k / rate)
+            yield "/odom", m.odometry(100.0 + k / rate, x, y + 5.0 * (k / rate > jump), theta)
+        for k in range(num_scans):
+            time = begin + k * PERIOD
             scan = m.scan(100.0 + time, measured(time, first, step, sweep, turn, roll), angle_min=first, step=step)
             scan.time_increment = sweep / BEAMS if given is None else given
             yield "/scan", scan
@@ -84,34 +89,15 @@ def test_wrong_times_are_ignored_with_a_note(tmp_path, given):
 
 
 def test_scans_during_a_jump_of_odometry_are_not_corrected(tmp_path):
-    exact = load_log(record(tmp_path / "exact", PERIOD, given=0.0))
-
-    def messages(m):
-        yield "/tf_static", m.transforms(0.0, ("base_link", "laser", 0.1, 0.0, 0.0, 0.0))
-        for k in range(201):
-            yield "/odom", m.odometry(100.0 + k / 50.0, *np.add(pose_at(k / 50.0), (0.0, 5.0 * (k > 70), 0.0)).tolist())
-        for k, ranges in enumerate(exact.ranges):
-            scan = m.scan(100.25 + k * PERIOD, ranges, angle_min=-math.pi, step=2.0 * math.pi / BEAMS)
-            scan.time_increment = PERIOD / BEAMS
-            yield "/scan", scan
-
-    log = load_log(write_bag(tmp_path / "jump", messages))
-    spans = [np.array_equal(one, other, equal_nan=True) for one, other in zip(log.ranges, exact.ranges)]
-    assert np.flatnonzero(spans).tolist() == [6]  # from 1.33 to 1.51 s; the jump is at 1.4 s
+    skewed = load_log(record(tmp_path / "skewed", PERIOD, given=0.0))
+    log = load_log(record(tmp_path / "jump", PERIOD, jump=1.41))
+    is_skewed = [np.array_equal(one, other, equal_nan=True) for one, other in zip(log.ranges, skewed.ranges)]
+    assert np.flatnonzero(is_skewed).tolist() == [6]  # from 1.33 to 1.51 s
 
 
 def test_odometry_that_is_exact_needs_no_scales(tmp_path):
-    def messages(m):
-        yield "/tf_static", m.transforms(0.0, ("base_link", "laser", 0.1, 0.0, 0.0, 0.0))
-        for k in range(601):
-            yield "/odom", m.odometry(100.0 + k / 50.0, *pose_at(k / 50.0))
-        for k in range(65):
-            time, step = k * PERIOD, 2.0 * math.pi / BEAMS
-            scan = m.scan(100.0 + time, measured(time, 0.0, step, PERIOD, 0.0, 0.0), angle_min=0.0, step=step)
-            scan.time_increment = PERIOD / BEAMS
-            yield "/scan", scan
-
-    (run,) = main(Options(write_bag(tmp_path / "log", messages), slam="hector", preset="default"))
+    path = record(tmp_path / "log", PERIOD, first=0.0, begin=0.0, num_scans=65)
+    (run,) = main(Options(path, slam="hector", preset="default"))
     assert run.odometry_scales == pytest.approx((1.0, 1.0), abs=0.01)
 
 

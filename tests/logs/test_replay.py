@@ -17,7 +17,7 @@ from lidarnaut.envs.logs.replay import Options, main
 from lidarnaut.envs.logs.runs import picture, replay, save_g2o
 from lidarnaut.envs.slam import DEFAULT_SLAM, SLAM_NAMES, Belief
 from tests.data import INTEL, needs_intel
-from tests.logs.test_logs import CARMEN
+from tests.logs.test_logs import CARMEN, write_arrays
 
 
 class TurningSlam:
@@ -169,20 +169,6 @@ def test_replay_takes_the_corrected_path_and_the_pose_graph(log, relations, tmp_
     assert lines[3:] == ["FIX 0"]  # a reader may end the edges at a line of another kind
 
 
-def test_gtsam_reads_all_poses_and_edges_of_a_pose_graph(tmp_path):
-    gtsam = pytest.importorskip("gtsam")
-    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.1, 0.2], [2.0, 0.5, 0.7]])
-    information = np.array([[500.0, 20.0, 30.0], [20.0, 400.0, -10.0], [30.0, -10.0, 5000.0]])
-    edges = [(k, k + 1, np.array([1.0, 0.1 * k, -3.0]), information) for k in range(2)]
-    save_g2o(tmp_path / "graph.g2o", nodes, edges)
-    graph, values = gtsam.readG2o(str(tmp_path / "graph.g2o"))
-    assert (graph.size(), values.size()) == (2, 3)
-    np.testing.assert_allclose([[p.x(), p.y(), p.theta()] for p in map(values.atPose2, range(3))], nodes)
-    np.testing.assert_allclose(graph.at(1).noiseModel().information(), information)
-    measured = graph.at(1).measured()
-    np.testing.assert_allclose((measured.x(), measured.y(), measured.theta()), (1.0, 0.1, -3.0))
-
-
 def test_pose_graphs_that_make_no_sense_are_not_written(tmp_path):
     with pytest.raises(ValueError, match="edge from 0 to 1 in a graph of 1 nodes"):
         save_g2o(tmp_path / "graph.g2o", np.zeros((1, 3)), [(0, 1, np.zeros(3), np.eye(3))])
@@ -240,9 +226,8 @@ def test_a_slam_that_is_lost_must_not_be_trusted(log, tmp_path, capsys):
 def test_a_map_that_contradicts_its_scans_must_not_be_trusted(tmp_path, capsys):
     x = np.array([0.0, 1.0, 1.0, 0.0])  # the robot stands still in a room, and its wheels slip
     arrays = {"t": np.arange(4.0), "odo": np.stack([x, 0 * x, 0 * x], axis=1), "idx": np.arange(4)}
-    walls = {"ranges": np.full((4, 180), 2.0), "ang0": -0.5 * math.pi, "dang": math.pi / 180, "maxr": 8.0}
-    np.savez(tmp_path / "drive.npz", **arrays, **walls)
-    (run,) = main(Options(tmp_path / "drive.npz", slam="odometry"))
+    arrays |= {"ranges": np.full((4, 180), 2.0), "ang0": -0.5 * math.pi, "dang": math.pi / 180}
+    (run,) = main(Options(write_arrays(tmp_path, **arrays), slam="odometry"))
     said = capsys.readouterr().out
     assert 0.2 < run.conflict_share < 0.6
     assert f"{100 * run.conflict_share:.1f} % of the beams pass through walls of its map" in said
@@ -280,11 +265,9 @@ def test_the_scale_of_a_map_is_compared_with_that_of_odometry(tmp_path, capsys, 
 
     name, k = f"{__name__}:scaling", np.arange(steps + 1.0)  # a corridor of 0.1 m a step
     sys.modules[__name__].scaling = ScalingSlam
-    walls = {"ranges": np.full((steps + 1, 2), 2.0), "ang0": -0.5 * math.pi, "dang": math.pi, "maxr": 8.0}
-    np.savez(
-        tmp_path / "drive.npz", t=k, odo=np.stack([0.1 * k, 0 * k, 0 * k], axis=1), idx=np.arange(steps + 1), **walls
-    )
-    main(Options(tmp_path / "drive.npz", slam=name))
+    arrays = {"t": k, "odo": np.stack([0.1 * k, 0 * k, 0 * k], axis=1), "idx": np.arange(steps + 1)}
+    arrays |= {"ranges": np.full((steps + 1, 2), 2.0), "ang0": -0.5 * math.pi, "dang": math.pi}
+    main(Options(write_arrays(tmp_path, **arrays), slam=name))
     found = capsys.readouterr().out
     assert said.format(name) in found
     assert not [text for text in unsaid if text in found]
@@ -340,10 +323,9 @@ def test_errors_are_one_line(name, says, tmp_path, monkeypatch, capsys):
 
 
 def test_a_map_that_outgrows_the_memory_names_the_log(tmp_path):
-    path = tmp_path / "far.npz"
     far = np.column_stack([np.arange(400.0) * 99.0, np.zeros(400), np.zeros(400)])
     arrays = {"t": np.arange(400.0), "odo": far, "idx": np.arange(400), "ranges": np.full((400, 8), 900.0)}
-    np.savez(path, **arrays, ang0=-1.0, dang=0.25, maxr=1000.0)
+    path = write_arrays(tmp_path, **arrays, dang=0.25, maxr=1000.0)
     with pytest.raises(ValueError, match=rf"^{path}, odometry: the map would need") as caught:
         main(Options(path, slam="odometry"))
     assert "\n" not in str(caught.value)

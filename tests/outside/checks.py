@@ -22,7 +22,7 @@ from .cells import Cell, close, same
 from .environments import PINS, ROOT, call, make, run, versioned
 from .files import ROBOT, Files
 
-BASE = ("--editable", "gymnasium", "pytest", "torch", "tensordict", "vmas")
+BASE = ("--editable=.", "gymnasium", "pytest", "torch", "tensordict", "vmas")
 """Packages of the environment `learning` without a training of their own."""
 
 
