@@ -19,11 +19,12 @@ from lidarnaut.envs.robots.robot_params import LidarParams
 from tests.rooms import make_room, make_simulator
 
 from .cells import Cell, close, same
-from .environments import PINS, ROOT, call, make, run, versioned
+from .environments import ROOT, call, make, run, versioned
 from .files import ROBOT, Files
 
-BASE = ("--editable=.", "gymnasium", "pytest", "torch", "tensordict", "vmas")
-"""Packages of the environment `learning` without a training of their own."""
+TRAININGS = {one: one for one in ("minari", "pettingzoo", "rl_zoo3", "skrl", "tianshou", "torchrl")}
+TRAININGS |= {"optuna": "search", "ray[rllib]": "rllib", "sbx-rl": "sbx"}
+"""Words of tests in `tests/examples` by library."""
 
 
 def bag(environment: str, function: str, files: Files) -> None:
@@ -139,7 +140,7 @@ def scan(environment: str, simulator: str, degrees: float, files: Files) -> None
     given |= {"fov": lidar.fov, "beams": lidar.num_beams, "range_max": lidar.range_max}
     found = run(environment, "peers", simulator.replace("-", ""), files.folder_of(simulator), **given)
     angles, ranges, is_hit = np.array(found["angles"]), np.array(found["ranges"]), np.isfinite(reading.ranges)
-    is_same = np.abs(np.sin(0.5 * (angles - lidar.angles))).max() < 1e-6
+    is_same = np.abs(np.sin(0.5 * (angles - lidar.angles))).max() < 1e-5
     if is_same:
         close(ranges[is_hit], reading.ranges[is_hit], 1e-3, "ranges [m]")
     first, step, missed = np.degrees(angles[0]), np.degrees(angles[1] - angles[0]), ranges[~is_hit]
@@ -149,11 +150,9 @@ def scan(environment: str, simulator: str, degrees: float, files: Files) -> None
 
 
 def training(library: str, files: Files) -> None:
-    """Run the test in `tests/examples` that needs a library."""
-    word = {"optuna": "search", "ray[rllib]": "rllib", "sbx-rl": "sbx"}.get(library, library)
     python, tests = make("learning") / "bin" / "python", ROOT / "tests" / "examples"
-    output = call([python, "-m", "pytest", "-q", "-k", word, tests], env=os.environ | {"OMP_NUM_THREADS": "1"})
-    assert "skipped" not in output, "a test is skipped"
+    command = [python, "-m", "pytest", "-q", "-k", TRAININGS[library], tests]
+    assert "skipped" not in call(command, env=os.environ | {"OMP_NUM_THREADS": "1"}), "a test is skipped"
 
 
 BAG, GRAPH, POLICY, URDF = "bag (MCAP)", "pose graph (g2o)", "policy (ONNX)", "robot (URDF)"
@@ -203,7 +202,7 @@ def read_by_others(files: Files, only: str) -> Iterator[Cell]:
 
 
 def trained_by_others(files: Files, only: str) -> Iterator[Cell]:
-    for pin in PINS["learning"]:
-        library, _, version = pin.replace("[create,hdf5]", "").partition("==")
-        if library not in BASE and only in f"learning {library}":
-            yield Cell(library, version, partial(training, library), "runs")
+    for library in sorted(TRAININGS):
+        if only in f"learning {library}":
+            version = versioned("learning", library).removeprefix(library)
+            yield Cell(library, version.strip(), partial(training, library), "runs")

@@ -115,5 +115,5 @@ def run(environment: str, client: str, function: str, *arguments: Any, **given: 
 
 def versioned(environment: str, package: str) -> str:
     """Return a package of an environment with its pinned version."""
-    pin = next(pin for pin in PINS[environment] if pin.startswith((f"{package}=", f"{package}@")))
+    pin = next(pin for pin in PINS[environment] if pin.startswith((f"{package}=", f"{package}@", f"{package}[")))
     return f"{package} {pin.rpartition('@' if environment == 'npm' else '=')[2]}"
