@@ -10,7 +10,7 @@ PIP = $(BIN)/python -m pip install --quiet --no-compile --constraint constraints
 INSTALLED := .venv/.installed
 DOCS_INSTALLED := .venv/.installed-docs
 
-.PHONY: install kernels demo test test-all test-libraries test-ray test-python test-newer test-outside coverage check format docs clean
+.PHONY: install kernels demo test test-all test-libraries test-python test-newer test-outside coverage check format docs clean
 
 install: $(INSTALLED)
 
@@ -31,19 +31,14 @@ demo: install
 test: install
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
-# Everything that takes longer: damaged inputs, kills, long runs, Ray, the examples for RLlib and TorchRL, a newer Python.
-test-all: install test-ray test-libraries test-newer
+# Everything that takes longer: damaged inputs, kills, long runs, the examples for RLlib and TorchRL, a newer Python.
+test-all: install test-libraries test-newer
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --slow
 
 test-libraries:
 	test -x $(LIBRARIES)/python || $(PYTHON) -m venv .venv-libraries
 	$(LIBRARIES)/python -m pip install --quiet --editable . --requirement examples/requirements.txt
-	$(LIBRARIES)/python -m pytest tests/examples tests/package/test_ray.py -k "rllib or torchrl or tianshou or test_ray"
-
-# A cluster of two cores on this machine. Ray, 260 MB, is installed for it, and `make test` skips the test without Ray.
-test-ray: install
-	$(PIP) --editable ".[dev,ray]"
-	$(BIN)/python -m pytest tests/package/test_ray.py
+	$(LIBRARIES)/python -m pytest tests/examples -k "rllib or torchrl or tianshou"
 
 # Environments and baselines with another Python, PYTHON=python3.13: all but torch, stable-baselines3 and their tests.
 test-python:

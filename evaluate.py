@@ -48,8 +48,6 @@ class Command:
     """Run only part I of N, given as `I/N`, without a report; parts may share the folder."""
     trust: tuple[str, ...] = ()
     """Modules of your own, or `module:attribute`, that learned policies may use."""
-    ray: str | None = None
-    """Address of a Ray cluster for the episodes (needs the extra `ray`)."""
     bags: Path | None = None
     """Folder for a ROS 2 bag (MCAP) of each new episode."""
     record: bool = False
@@ -104,7 +102,7 @@ def main(arguments: list[str] | None = None) -> int:
         if command.verbose:
             show_log()
         if not command.report and isinstance(evaluation, Evaluation):
-            how = {"ray": command.ray, "bags": command.bags, "record": command.record}
+            how = {"bags": command.bags, "record": command.record}
             failures = run_with_progress(evaluation, command.jobs, messages, **how)
         if command.shard is not None:
             messages.print(f"Shard {command.shard} is done; run the same command without --shard to publish.")
@@ -115,7 +113,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
     except (ValueError, RuntimeError, ImportError, OSError) as error:
         is_bare = isinstance(error, OSError) and error.errno is not None and error.filename is None
-        if command and is_bare and not isinstance(error, ConnectionError):  # full disk: no path given
+        if command and is_bare:  # full disk: no path given
             return fail(f"{error} (while writing to {command.out})")
         return fail(error)
     print_results(evaluation, messages, command.reference)

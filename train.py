@@ -13,7 +13,6 @@ Every key of the configuration is an option, with dots between nested names: --e
 --hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of NetworkConfig.
 --trust MODULE ... names modules of your own that a run folder may use.
 --seeds 0 1 2 trains a sweep, one run per seed; --jobs 2 trains two at a time.
---ray ADDRESS runs a sweep or an evolution on a Ray cluster.
 """
 
 import argparse
@@ -42,7 +41,6 @@ def main(arguments: list[str] | None = None) -> int:
     begin.add_argument("--config")
     begin.add_argument("--resume", type=Path)
     parser.add_argument("--trust", nargs="+", action="extend", default=[])
-    parser.add_argument("--ray")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--help", "-h", action="store_true")
     args, others = parser.parse_known_args(begin_command(arguments))
@@ -58,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise ValueError(
                 "pass --environment.id ID, a configuration, --config FILE, or a run to resume, --resume RUN"
             )
-        options = {"trust": args.trust, "ray": args.ray, "jobs": args.jobs}
+        options = {"trust": args.trust, "jobs": args.jobs}
         run = train(args.config, changes, resume=args.resume, **options)
     except KeyboardInterrupt as error:
         fail(f"stopped {error}".rstrip())

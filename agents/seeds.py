@@ -1,7 +1,6 @@
 """Sweeps: trainings of one configuration with several random seeds (key `seeds`)."""
 
 import contextlib
-import platform
 import time
 import traceback
 from collections.abc import Mapping, Sequence
@@ -50,18 +49,16 @@ def train_seeds(
     source: str,
     *,
     run: Path | None = None,
-    ray: str | None = None,
     jobs: int = 1,
     progress: bool = True,
 ) -> Path:
     """Train the unfinished runs of a sweep; write `sweep.csv` and `sweep.png`; return the folder.
 
     `data`: complete configuration with `seeds`. `source`: origin of the configuration, for messages. `run`: new or
-    existing folder of the sweep. Other arguments and errors are those of `lidarnaut.train`; machines of a Ray cluster
-    share the folder. Also raises ValueError if trainings fail, after all others are done.
+    existing folder of the sweep. Other arguments and errors are those of `lidarnaut.train`. Also raises ValueError
+    if trainings fail, after all others are done.
     """
     folder = run or Path("runs") / f"{data.get('experiment')}__sweep__{time.strftime('%Y%m%d-%H%M%S')}"
-    folder = folder.absolute() if ray else folder
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, got {jobs}")
     if (folder / "config.yaml").exists():
@@ -75,8 +72,7 @@ def train_seeds(
         check_changes(yaml.safe_load(record), "sweep", folder, read_mapping(folder / SWEEP))
     unfinished = [member for member in members if not is_finished(member)]
     failures, again = dict[Path, str](), resuming(folder, data)
-    is_alone = jobs == 1 and ray is None
-    held: Any = contextlib.nullcontext() if is_alone else make_pool(jobs, ray, members[0].config.model_dump())
+    held: Any = contextlib.nullcontext() if jobs == 1 else make_pool(jobs)
     try:
         with held as pool, Progress(total=len(unfinished), unit="training", disable=not progress) as bar:
             own_folder(folder)
@@ -138,8 +134,6 @@ def _train(member: Member, *, progress: bool = False) -> str:
     """Train or resume a run, and record its processor time; return an empty text, or the error message in one line."""
     config, run, begun = member.config, member.run, time.process_time()
     kept = run.with_name(f"{run.name}.traceback.txt")
-    if not (run.parent / SWEEP).exists():
-        return f"{platform.node()} cannot access {run.parent}, which all machines must share"
     kept.unlink(missing_ok=True)
     try:
         if isinstance(config, EvolutionConfig):

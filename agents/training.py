@@ -37,7 +37,6 @@ def train(
     resume: str | Path | None = None,
     trust: Iterable[str] = (),
     jobs: int = 1,
-    ray: str | None = None,
     progress: bool = True,
 ) -> Path:
     """Train a policy and return the folder of the run.
@@ -51,7 +50,6 @@ def train(
         resume: folder of a run or sweep, or of a checkpoint, to resume. It replaces `config`, except an object.
         trust: modules, or names `module:attribute`, of your own code that the resumed run may import.
         jobs: number of trainings of a sweep that run in parallel on this machine.
-        ray: address of a Ray cluster for sweeps, evolutions and completions.
         progress: whether to show progress bars.
 
     Raises:
@@ -84,18 +82,16 @@ def train(
     if "seeds" in data:
         from lidarnaut.agents.seeds import train_seeds
 
-        return train_seeds(data, source, run=resume or run, ray=ray, jobs=jobs, progress=progress)
+        return train_seeds(data, source, run=resume or run, jobs=jobs, progress=progress)
     parsed = parse_config(data, source)
     if isinstance(parsed, EvolutionConfig):
         from lidarnaut.agents.frontiers.evolution import evolve
 
-        return evolve(parsed, run=run, resume=resume, ray=ray, progress=progress)
+        return evolve(parsed, run=run, resume=resume, progress=progress)
     if isinstance(parsed, CompletionConfig):
         from lidarnaut.agents.completion.training import train_completion
 
-        return train_completion(parsed, run=run, resume=resume, ray=ray, progress=progress)
-    if ray is not None:
-        raise ValueError("ray supports sweeps, evolutions and completions, not single trainings")
+        return train_completion(parsed, run=run, resume=resume, progress=progress)
     from lidarnaut.agents.learning import run_training
 
     return run_training(parsed, run=run, resume=resume, trust=trust, progress=progress)

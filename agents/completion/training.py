@@ -75,7 +75,6 @@ def train_completion(
     run: Path | None = None,
     resume: Path | None = None,
     progress: bool = True,
-    ray: str | None = None,
 ) -> Path:
     """Train a network that completes maps; return the run folder, by default as that of a training.
 
@@ -83,7 +82,7 @@ def train_completion(
     the last checkpoint are used by a resumed run, with the same result as without the interruption.
     """
     with contextlib.ExitStack() as held:
-        pool = held.enter_context(make_pool(config.num_workers, ray))
+        pool = held.enter_context(make_pool(config.num_workers))
         if resume is None:
             run = held.enter_context(new_run(config, run))
         else:

@@ -40,16 +40,15 @@ def evolve(
     run: Path | None = None,
     resume: Path | None = None,
     progress: bool = True,
-    ray: str | None = None,
 ) -> Path:
     """Optimize a linear frontier score by CMA-ES; return the run folder, by default as that of a training.
 
     A resumed run restores the optimizer from stored objective values of finished generations. `run`: another folder for
-    results. `resume`: run folder to resume. `ray`: Ray cluster address; None uses local processes. Raises the errors of
-    `lidarnaut.train`; also ValueError if a new folder already holds a run.
+    results. `resume`: run folder to resume. Raises the errors of `lidarnaut.train`; also ValueError if a new folder
+    already holds a run.
     """
     with contextlib.ExitStack() as held:
-        pool = held.enter_context(make_pool(config.num_workers, ray))
+        pool = held.enter_context(make_pool(config.num_workers))
         if resume is None:
             run = held.enter_context(new_run(config, run))
         elif not (resume / "config.yaml").exists():

@@ -116,7 +116,6 @@ class Evaluation:
     def run(
         self,
         jobs: int = 1,
-        ray: str | None = None,
         on_result: Callable[[Result], None] = lambda _: None,
         bags: Path | None = None,
         record: bool = False,
@@ -125,7 +124,6 @@ class Evaluation:
 
         Args:
             jobs: number of processes.
-            ray: address of a Ray cluster to use instead.
             on_result: called after each episode, also after a failure.
             bags: output folder for ROS 2 bags of the episodes; None for none.
             record: whether to record the episodes for replay in a browser.
@@ -136,8 +134,6 @@ class Evaluation:
         """
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, got {jobs}")
-        if bags and ray:
-            raise ValueError("bags and ray must not be combined: bags would be written on the machines of the cluster")
         failures = []
         with contextlib.ExitStack() as locks:
             # Shards may run at the same time, but not with a full run.
@@ -152,7 +148,7 @@ class Evaluation:
             if bags:
                 own_folder(bags)
                 tasks = [replace(task, bag=bags / f"{episode_name(task.key._asdict())}.mcap") for task in tasks]
-            for result in run_all(tasks, jobs, ray):
+            for result in run_all(tasks, jobs):
                 if result.row is None:
                     self._records.add_failure(result.key, result.reason)
                     failures.append(result)

@@ -2,12 +2,11 @@
 
 import contextlib
 import logging
-import os
 import traceback
 from collections.abc import Iterator, Mapping
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -82,35 +81,19 @@ def explain_fault(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(last.filename).name}, line {last.lineno})"
 
 
-def run_all(tasks: list[Job], jobs: int, ray: str | None = None) -> Iterator[Result]:
-    """Run episodes in local processes or on a Ray cluster, and yield results in order of completion.
-
-    Raises:
-        ImportError: if Ray is not installed.
-        ConnectionError: if no cluster answers at the address `ray`.
-        RuntimeError: if a local process dies.
-    """
-    if ray is None and (jobs == 1 or len(tasks) < 2):
+def run_all(tasks: list[Job], jobs: int) -> Iterator[Result]:
+    """Run episodes in processes, and yield results in order of completion; RuntimeError if a process dies."""
+    if jobs == 1 or len(tasks) < 2:
         with contextlib.closing(_Worker()) as worker:
             yield from map(worker.run, tasks)
         return
-    named: list[Any] = []
-    if ray is not None:
-        checkpoints = [one.policy.checkpoint and os.path.relpath(one.policy.checkpoint) for one in tasks]
-        tasks = [replace(one, policy=replace(one.policy, checkpoint=path)) for one, path in zip(tasks, checkpoints)]
-        named = [checkpoints, *((one.case.world, one.case.robot, one.case.slam, one.case.arguments) for one in tasks)]
-    with make_pool(min(jobs, len(tasks)), ray, named) as pool:
+    with make_pool(min(jobs, len(tasks))) as pool:
         try:
             with interrupts_held():
-                pending = {pool.submit(run_in_worker, task): task.key for task in tasks}
+                pending = {pool.submit(run_in_worker, task) for task in tasks}
             for future in as_completed(pending):
-                key = pending.pop(future)  # frees the trace
-                error = future.exception()
-                if error is not None and ray is None:
-                    raise error
-                # The machine died; failures within an episode are results.
-                why = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
-                yield future.result() if error is None else Result(key, reason=why)
+                pending.discard(future)  # frees the trace
+                yield future.result()
         except BrokenProcessPool as error:
             raise RuntimeError(
                 "a process died while it ran an episode (out of memory?); run the same command to continue"

@@ -148,7 +148,7 @@ def first_time(flags: np.ndarray) -> float:
 def run_each(work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], jobs: int, desc: str) -> list[Any]:
     if jobs == 1:
         return [work(*task) for task in Progress(tasks, desc)]
-    with make_pool(jobs, None) as pool:
+    with make_pool(jobs) as pool:
         return list(Progress(pool.map(work, *zip(*tasks)), desc, len(tasks)))
 
 

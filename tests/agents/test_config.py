@@ -124,7 +124,6 @@ ID = ["--config", "tiny.yaml", "--environment.id"]
         ([*ID, "lidarnaut/Navigat-v0"], "unknown id 'lidarnaut/Navigat-v0' (did you mean 'li"),
         ([*ID, "no_such_module:Mine-v0"], "there is no module 'no_such_module'"),
         ([*ID, "lidarnaut/Explore-v0", "--environment.wrold", "rooms"], "'wrold' (did you mean 'world'?); allowed are"),
-        (["--config", "tiny.yaml", "--ray", "auto"], "ray supports sweeps, evolutions and completions"),
         (["--config", "tiny.yaml", "--evaluation.references", "random", "nerest"], "unknown policy 'nerest'"),
     ],
 )

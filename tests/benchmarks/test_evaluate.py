@@ -111,7 +111,6 @@ class Balanced(HTMLParser):
         (["--shard", "3/2"], ["shard", "'3/2'", "I/N"]),
         (["--jobs", "0"], ["jobs", "at least 1"]),
         (["--publish", __file__], ["Not a directory", "test_evaluate.py/arena"]),
-        (["--bags", "bags", "--ray", "auto"], ["bags and ray must not be combined"]),
     ],
 )
 def test_wrong_names_fail_before_any_work(tmp_path, capsys, wrong, says):

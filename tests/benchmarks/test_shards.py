@@ -1,6 +1,5 @@
 import re
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -64,12 +63,6 @@ def test_shards_of_two_totals_do_not_share_a_folder(tmp_path):
     for rest in ("2/2", None):
         assert Evaluation(settings, tmp_path, rest).run() == []
     assert len(Evaluation(settings, tmp_path).rows()) == 8
-
-
-def test_a_missing_ray_is_named_with_its_extra(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "ray", None)
-    assert main([*OPTIONS, "--worlds", "pimouse_arena", "--out", str(tmp_path), "--ray", "auto"]) == 2
-    assert "pip install 'lidarnaut[ray]'" in " ".join(capsys.readouterr().err.split())
 
 
 class Fragile(RandomExplorer):

@@ -64,7 +64,7 @@ def test_extras_that_texts_name_exist():
     paths = [path for pattern in patterns for path in ROOT.glob(pattern)]
     texts = "".join(path.read_text(encoding="utf-8") for path in paths if not path.is_relative_to(ROOT / ".venv"))
     named = set(",".join(re.findall(r"(?:lidarnaut|[\"'`]\.)\[([a-z,]+)\]", texts)).split(","))
-    assert {"ray", "contrib", "export", "pettingzoo"} <= named <= set(EXTRAS)
+    assert {"contrib", "export", "pettingzoo"} <= named <= set(EXTRAS)
 
 
 def test_a_missing_pettingzoo_is_named_with_its_extra(monkeypatch):
