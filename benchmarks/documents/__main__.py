@@ -1,7 +1,6 @@
 """Experiments of the four documents: `python -m lidarnaut.benchmarks.documents NAME`; see `docs/documents`."""
 
 import importlib
-from json import dumps
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,7 +9,6 @@ import tyro
 from lidarnaut.benchmarks.documents.figures import Figure
 from lidarnaut.benchmarks.drives.recording import table
 from lidarnaut.envs.command_line import Count, make_console, run_command
-from lidarnaut.envs.files import write_file
 
 Name = Literal["robot_vacuum", "pi_mouse", "warehouse_agv", "ekf_fusion"]
 
@@ -18,7 +16,6 @@ Name = Literal["robot_vacuum", "pi_mouse", "warehouse_agv", "ekf_fusion"]
 def main(
     name: Annotated[Name, tyro.conf.Positional],
     *,
-    json: Path | None = None,
     pictures: Path | None = None,
     runs: Count | None = None,
     jobs: Count = 2,
@@ -28,7 +25,6 @@ def main(
 
     Args:
         name: document: TinySLAM robot vacuum, RRT exploration on a Pi Mouse, warehouse AGV, or EKF fusion.
-        json: also write the figures to this JSON file, as a list of records {item, unit, runs, document, best}.
         pictures: folder for the pictures; default: runs/documents/NAME.
         runs: number of runs per experiment; default: as in the documentation.
         jobs: number of processes.
@@ -39,9 +35,6 @@ def main(
     experiment = importlib.import_module(f"lidarnaut.benchmarks.documents.{name}")
     figures: list[Figure] = experiment.run(pictures, runs, jobs, quick)
     make_console().print(table([figure.row() for figure in figures]), *getattr(experiment, "NOTES", ()))
-    if json is not None:
-        json.parent.mkdir(parents=True, exist_ok=True)
-        write_file(json, dumps([figure.record() for figure in figures], indent=1) + "\n")
     return figures
 
 

@@ -1,6 +1,6 @@
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -34,10 +34,6 @@ class Figure:
     def _failures_last(self) -> np.ndarray:
         runs = np.array(self.runs, dtype=np.float64)
         return np.where(np.isnan(runs), math.inf if self.best == "least" else -math.inf, runs)
-
-    def record(self) -> dict[str, Any]:
-        """Return the fields, with None for runs that did not reach the quantity."""
-        return {**asdict(self), "runs": [value if math.isfinite(value) else None for value in self.runs]}
 
     def row(self) -> dict[str, str]:
         """Return a row of the terminal table."""

@@ -3,13 +3,11 @@
 import functools
 import operator
 from collections.abc import Callable
-from json import dumps
-from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from lidarnaut.benchmarks.drives.driving import compare_driving, measure_loads
+from lidarnaut.benchmarks.drives.driving import compare_driving
 from lidarnaut.benchmarks.drives.localization import compare_amcl, compare_on_log
 from lidarnaut.benchmarks.drives.recording import Row, table
 from lidarnaut.benchmarks.drives.slams import compare_kidnapped, compare_slams
@@ -23,7 +21,6 @@ STAGES: dict[str, Callable[..., list[Row]]] = {
     "localization-log": compare_on_log,
     "teams": compare_teams,
     "driver": compare_driving,
-    "driver-load": measure_loads,
 }
 
 
@@ -34,19 +31,13 @@ def _later(function: Callable[..., Any]) -> Callable[..., Callable[[], Any]]:
 PARSERS = [Annotated[Any, tyro.conf.subcommand(name, constructor=_later(stage))] for name, stage in STAGES.items()]
 
 
-def main(
-    stage: Annotated[functools.reduce(operator.or_, PARSERS), tyro.conf.arg(name="")], json: Path | None = None
-) -> None:
+def main(stage: Annotated[functools.reduce(operator.or_, PARSERS), tyro.conf.arg(name="")]) -> None:
     """Run a benchmark, and print its table.
 
     Args:
         stage: benchmark to run.
-        json: also write the table to this JSON file. Times of events that never happened are null.
     """
-    rows = stage()
-    make_console().print(table(rows))
-    if json is not None:
-        json.write_text(dumps(rows, indent=1) + "\n", encoding="utf-8")
+    make_console().print(table(stage()))
 
 
 if __name__ == "__main__":

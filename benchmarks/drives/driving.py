@@ -1,7 +1,6 @@
 """Episodes of a simulated robot that is driven by messages of several rates and delays."""
 
 import math
-import resource
 import time
 from collections.abc import Callable
 from functools import partial
@@ -134,40 +133,6 @@ def compare_driving(starts: Count = 20, jobs: Count = 1) -> list[Row]:
     found = {"environment": reference}
     found |= {link: run_each(partial(_explore, link), seeds, jobs, link) for link in LINKS}
     return [{"policy": EXPLORER, "messages": name, **_summary(some, reference)} for name, some in found.items()]
-
-
-def measure_loads() -> list[Row]:
-    """Measure processor time and memory of a `Driver` at 10 Hz, in simulated hours in `turtlebot3_house`.
-
-    An explorer starts anew when nothing is left; a learned controller drives to random goals among six people.
-    """
-    rows: list[Row] = []
-    for name, id, people in (
-        ("learned:pretrained/frontiers", "lidarnaut/Explore-v0", None),
-        ("learned:pretrained/crowd", "lidarnaut/ReachCrowd-v0", 6),
-    ):
-        rng, end, spent, memory = np.random.default_rng(0), 3600.0, list[float](), list[float]()
-        robot, used = SimulatedRobot(WORLD, ROBOT, people=people), 0.0
-        while sum(spent) < end - 1.0:
-            policy = make_policy(name)
-            driver = Driver(policy, ROBOT, id=id, slam="hector")
-            loop, began = Loop(driver, robot), robot.time
-            loop.run(min(600.0, end - sum(spent)), partial(_is_over, driver, robot, rng))
-            spent.append(robot.time - began)
-            used += loop.processor_time
-            memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
-        row = {"policy": name, "simulated h": sum(spent) / 3600.0, "load of a core %": 100.0 * used / sum(spent)}
-        rows.append({**row, "memory after 10 min MB": memory[0], "at the end MB": memory[-1]})
-    return rows
-
-
-def _is_over(driver: Driver, robot: SimulatedRobot, rng: np.random.Generator) -> bool:
-    """Return whether an explorer has ended; give a controller without a goal a new one."""
-    if driver.env.task.goal is None:
-        return driver.reason in ("no_reachable_frontier", "stuck")
-    if driver.reason in ("no goal yet", "reached"):
-        driver.goal(*robot.start.between(robot.area.draw_pose(rng))[:2])
-    return False
 
 
 def _summary(episodes: list[dict[str, float]], reference: list[dict[str, float]]) -> Row:

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import importlib
 import itertools
 import math
 from collections.abc import Callable, Iterator
@@ -13,7 +14,6 @@ import gymnasium
 import numpy as np
 
 import lidarnaut.agents  # noqa: F401  (before torch, whose threads it keeps from spinning)
-from lidarnaut.benchmarks.speed.libraries import train_by, train_in_one_file
 from lidarnaut.benchmarks.speed.peers.step import step
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import RobotParams, load_robot
@@ -22,6 +22,8 @@ from lidarnaut.envs.worlds.world import World, box, edges
 ACTION_REPEAT = 10
 TRAININGS = "reach_crowd", "rooms_fast", "reach_scans"
 """Configurations of the measured trainings."""
+ROLLOUT, BATCH, EPOCHS = 32_768, 512, 4
+"""Steps of a rollout, size of a minibatch and passes over a rollout in `reach_scans`."""
 DESIGNS = [("bullet", 1, 1), ("kinematic", 1, 1)]
 DESIGNS += [("kinematic", num_envs, cores) for cores in (1, 2) for num_envs in (16, 64, 256)]
 DESIGNS += [("bullet", 16, 1), ("bullet", 16, 2), ("SubprocVecEnv", 2, 1), ("SubprocVecEnv", 2, 2)]
@@ -79,12 +81,11 @@ def libraries() -> Iterator[list[Case]]:
     """Yield the training of `reach_scans` by this package and by others, on two cores; sbx if it is installed."""
     kinds = [("stable_baselines3", *kind) for kind in (("DummyVecEnv", 8), ("SubprocVecEnv", 8), ("SubprocVecEnv", 2))]
     kinds += [("sbx", "DummyVecEnv", 8)] if find_spec("sbx") else []
-    others = {
-        f"{kind} x {number}, {library}": partial(train_by, library, kind, number) for library, kind, number in kinds
-    }
-    others |= {"SyncVectorEnv x 8, one file": partial(train_in_one_file, 8)}
-    drives = {"lidarnaut": partial(train, "reach_scans", 2), **others}
-    yield [Case(row, "steps/s", 2, drive) for row, drive in drives.items()]
+    others = [
+        Case(f"{kind} x {number}, {library}", "steps/s", 2, partial(train_by, library, kind, number))
+        for library, kind, number in kinds
+    ]
+    yield [Case("lidarnaut", "steps/s", 2, partial(train, "reach_scans", 2)), *others]
 
 
 def benchmark_robot(num_beams: int = 360) -> RobotParams:
@@ -162,3 +163,30 @@ def train(name: str, processes: int) -> Iterator[int]:
         while True:
             model.learn(prepared.rollout_steps, share, reset_num_timesteps=False)
             yield prepared.rollout_steps
+
+
+def train_by(library: str, kind: str, num_envs: int) -> Iterator[int]:
+    """Train `reach_scans` by PPO of stable-baselines3 or sbx on its own vector environment.
+
+    Rollout, minibatches and epochs are those of the configuration. Yields the number of steps of each rollout.
+    """
+    from stable_baselines3.common import vec_env
+    from stable_baselines3.common.monitor import Monitor
+
+    is_flat = library == "sbx"  # it takes vectors only
+
+    def make() -> gymnasium.Env:
+        parts = ("scan_history", "goal", "motion")
+        env = gymnasium.make("lidarnaut:lidarnaut/ReachGoal-v0", observations=parts, physics="kinematic")
+        return Monitor(gymnasium.wrappers.FlattenObservation(env) if is_flat else env)
+
+    options: dict[str, Any] = {"start_method": "spawn"} if kind == "SubprocVecEnv" else {}
+    env = getattr(vec_env, kind)([make] * num_envs, **options)
+    settings = {"n_steps": ROLLOUT // num_envs, "batch_size": BATCH, "n_epochs": EPOCHS, "device": "cpu"}
+    model = importlib.import_module(library).PPO("MlpPolicy" if is_flat else "MultiInputPolicy", env, **settings)
+    try:
+        while True:
+            model.learn(ROLLOUT, reset_num_timesteps=False)
+            yield ROLLOUT
+    finally:
+        env.close()
