@@ -32,8 +32,6 @@ class Conditions(BaseModel):
     """Conditions by name: environment, robots, lidars, people and so on."""
     policies: dict[str, str]
     """Environment arguments that each policy requires, by its name."""
-    slam: list[str]
-    """Estimators of the main evaluation; other rows belong to the comparison of `slam_axis`."""
 
     @property
     def grouped(self) -> Measures:
@@ -45,7 +43,6 @@ class Conditions(BaseModel):
             earlier = Conditions.load(folder)
             self.facts = earlier.facts | self.facts
             self.policies = earlier.policies | self.policies
-            self.slam = [*dict.fromkeys((*earlier.slam, *self.slam))]
         write_file(folder / FILE, self.model_dump_json(indent=1, exclude={"measures": {"__all__": {"compute"}}}) + "\n")
 
     @classmethod
@@ -82,10 +79,7 @@ class FinishedEvaluation:
         self._rows: Mapping[Key, Row] = {Key.of(row): row for row in rows}
 
     def rows(self) -> list[Row]:
-        return [row for row in self._rows.values() if row["slam"] in self.conditions.slam]
-
-    def slam_axis_rows(self) -> list[Row]:
-        return [row for row in self._rows.values() if row["slam"] not in self.conditions.slam]
+        return list(self._rows.values())
 
     def missing(self) -> list[Result]:
         """Return the failed episodes."""

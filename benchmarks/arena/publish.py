@@ -13,7 +13,7 @@ from lidarnaut.agents.run_folder import write_table
 from lidarnaut.benchmarks.arena import leaderboard, overview
 from lidarnaut.benchmarks.arena.conditions import FinishedEvaluation, arguments_text
 from lidarnaut.benchmarks.arena.episodes import Episodes, Summary, start_of
-from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key
+from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE
 from lidarnaut.benchmarks.arena.page import Cell, Section, Table, to_html, to_terminal, write_markdown
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.verdict import verdict_section
@@ -88,8 +88,7 @@ def publish(
         raise ValueError(f"reference {reference!r} has no episode; choose one of {', '.join(episodes.policies)}")
     summary = episodes.summary()
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
-    everything = episodes.like({Key.of(row): row for row in (*episodes, *evaluation.slam_axis_rows())}.values())
-    sections = _sections(evaluation, episodes, everything, command)
+    sections = _sections(evaluation, episodes, command)
     players = overview.players_section(folder, episodes)
     report = [*sections[:1], *([players] if players else []), *sections[1:]]
     title = f"Evaluation of {evaluation.conditions.settings.get('id')}"
@@ -97,7 +96,7 @@ def publish(
     write_markdown(title, TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
         write_markdown("The arena", TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
-        write_table(docs / "arena" / "episodes.csv", everything.rows)
+        write_table(docs / "arena" / "episodes.csv", episodes.rows)
     return summary
 
 
@@ -106,9 +105,7 @@ def to_json(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {k: to_json(v) if isinstance(v, dict) else dict(zip(names, v)) for k, v in summary.items()}
 
 
-def _sections(
-    evaluation: Evaluation | FinishedEvaluation, episodes: Episodes, everything: Episodes, command: str
-) -> list[Section]:
+def _sections(evaluation: Evaluation | FinishedEvaluation, episodes: Episodes, command: str) -> list[Section]:
     fair = episodes.shared()
     sections = [missing := _missing_section(evaluation.missing(), len(episodes), len(fair))]
     if fair:
@@ -120,11 +117,11 @@ def _sections(
         ]
     sections += [
         # Not robots: their traversable cells, hence their starts, differ.
-        *(leaderboard.axis_section(everything, axis) for axis in ("physics", "slam", "people")),
+        *(leaderboard.axis_section(episodes, axis) for axis in ("physics", "slam", "people")),
         leaderboard.worlds_section(episodes),
         leaderboard.unfinished_section(episodes),
         overview.gallery_section(evaluation.folder, episodes),
-        _conditions_section(evaluation, everything, command),
+        _conditions_section(evaluation, episodes, command),
     ]
     return list(filter(None, sections))
 

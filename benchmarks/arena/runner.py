@@ -76,24 +76,22 @@ class Evaluation:
         self._facts: dict[str, str] = {}
         classic = self._check_cases()
         self._policies = {}
-        for name in dict.fromkeys((*settings.policies, *settings.slam_axis.policies)):
+        for name in settings.policies:
             with _blaming(name):
                 self._policies[name] = self._marked(parse_policy(name, classic, self._custom, trust))
         names = [policy.name for policy in self._policies.values()]
         if len(set(names)) < len(names):
             raise ValueError(f"policies must be unique, got {', '.join(names)}")
-        self._tasks = self._lay_out(settings.starts())
-        self._axis_tasks = self._lay_out(settings.slam_axis_starts())
-        self._all_tasks = {task.key: task for task in (*self._tasks, *self._axis_tasks)}
+        self._tasks = self._lay_out()
         self._check_fit()
         # Paired episodes stay in one shard.
-        groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in self._all_tasks))}
-        own = [task for key, task in self._all_tasks.items() if groups[key.world, key.seed] % total == number - 1]
-        worlds = {key.world: task.case.world for key, task in self._all_tasks.items()}
+        groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in self._tasks))}
+        own = [task for key, task in self._tasks.items() if groups[key.world, key.seed] % total == number - 1]
+        worlds = {key.world: task.case.world for key, task in self._tasks.items()}
         known = {USUAL, *WORLD_NAMES, *BARN_NAMES, *FAMILIES}
         own_worlds = {name: world for name, world in worlds.items() if world not in known}
-        presets = {key.slam: split_parameters(key.slam)[1].get("preset", "") for key in self._all_tasks}
-        robots = {f"robot {key.robot}": task.case.robot for key, task in self._all_tasks.items()}
+        presets = {key.slam: split_parameters(key.slam)[1].get("preset", "") for key in self._tasks}
+        robots = {f"robot {key.robot}": task.case.robot for key, task in self._tasks.items()}
         own_worlds |= {name: file for name, file in (presets | robots).items() if Path(str(file)).is_file()}
         common = {"time_limit": settings.time_limit, "id": settings.id}
         common["arguments"] = json.loads(json.dumps(settings.arguments, default=repr))
@@ -106,7 +104,6 @@ class Evaluation:
             settings=settings.model_dump(mode="json", fallback=repr),
             facts=self._facts,
             policies={one.name: arguments_text(one.arguments) for one in self._policies.values()},
-            slam=sorted({task.key.slam for task in self._tasks}),
         )
 
     @property
@@ -164,15 +161,12 @@ class Evaluation:
         return failures
 
     def rows(self) -> list[Row]:
-        """Return the rows of `episodes.csv` for finished episodes of all machines, without the SLAM comparison."""
-        return list(filter(None, map(self._find, self._tasks)))
-
-    def slam_axis_rows(self) -> list[Row]:
-        return list(filter(None, map(self._find, self._axis_tasks)))
+        """Return the rows of `episodes.csv` for finished episodes of all machines."""
+        return list(filter(None, map(self._find, self._tasks.values())))
 
     def missing(self) -> list[Result]:
         """Return the failed and pending episodes of all machines, with reasons."""
-        missing = self._not_found(self._all_tasks.values())
+        missing = self._not_found(self._tasks.values())
         return [Result(task.key, reason=self._records.failure(task.key) or NOT_RUN) for task in missing]
 
     def _find(self, task: Job) -> Row | None:
@@ -185,7 +179,7 @@ class Evaluation:
         classic: Makers | None = None
         faults: list[BaseException] = []
         robots = {name: (name, load_robot(name)) for name in ROBOT_NAMES}
-        for case, seed, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
+        for case, seed in self.settings.starts():
             if case in self._robots:
                 continue
             with _blaming(f"{case.slam} in {case.name('world')}"):
@@ -225,17 +219,17 @@ class Evaluation:
     def _objects(self, case: Case) -> dict[str, Any]:
         return {name: self._custom[name] for name in (case.world, case.robot, case.slam) if name in self._custom}
 
-    def _lay_out(self, starts: Iterable[tuple[Case, int, tuple[str, ...]]]) -> list[Job]:
+    def _lay_out(self) -> dict[Key, Job]:
         tasks: dict[Key, Job] = {}
-        for case, seed, policies in starts:
-            for policy in (self._policies[name] for name in policies):
+        for case, seed in self.settings.starts():
+            for policy in self._policies.values():
                 conditions = self._robots[case], case.name("physics"), case.name("slam"), case.name("people")
                 key = Key(policy.name, case.name("world"), seed, *conditions)
                 # Upper bounds use the true pose under every SLAM.
                 is_oracle = is_bound(policy.name) and not policy.observes
                 own = replace(case, id=self._id_for(policy), slam="truth" if is_oracle else case.slam)
                 tasks.setdefault(key, Job(key, policy, own, self._objects(own)))
-        return list(tasks.values())
+        return tasks
 
     def _id_for(self, policy: PolicySource) -> str:
         id = self.settings.id
@@ -248,9 +242,9 @@ class Evaluation:
 
     def _check_fit(self) -> None:
         groups: dict[tuple[Any, ...], dict[str, Job]] = {}
-        for task in self._all_tasks.values():
+        for task in self._tasks.values():
             groups.setdefault(task.conditions, {}).setdefault(task.policy.name, task)
-        pending = {task.policy.name for task in self._all_tasks.values()}
+        pending = {task.policy.name for task in self._tasks.values()}
         faults: list[Exception] = []
         for group in groups.values():
             here = [task for name, task in group.items() if name in pending]

@@ -14,7 +14,6 @@ from pydantic import Field, PositiveFloat, ValidationInfo, field_validator
 from lidarnaut.agents.config import Section
 from lidarnaut.envs.ids import EXPLORE, arguments_of
 from lidarnaut.envs.simulation.crowd import crowd_of
-from lidarnaut.envs.slam import DEFAULT_SLAM
 from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 USUAL = "usual"
@@ -90,17 +89,6 @@ def parse_world(name: str) -> tuple[str, str]:
 Episodes = Annotated[int, Field(ge=1, le=100_000)]
 
 
-class SlamAxis(Section):
-    """Settings of an additional comparison of SLAM algorithms, with equal policies; empty `worlds` omit it."""
-
-    policies: tuple[str, ...] = ()
-    worlds: tuple[str, ...] = ()
-    episodes: Episodes = 5
-    """Number of episodes per policy, world and SLAM."""
-    slam: tuple[str, ...] = Field(default=("truth", "odometry", DEFAULT_SLAM), min_length=1)
-    """Names of the compared SLAM algorithms. Differences are relative to `truth`, if included."""
-
-
 class Settings(Section):
     """Settings of an evaluation. Policies run in each world with all combinations of robot, physics, SLAM, people."""
 
@@ -127,14 +115,13 @@ class Settings(Section):
     """Simulators: `bullet`, `kinematic`, or `usual` for the environment's default."""
     slam: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--localizer"])] = Field(default=(USUAL,), min_length=1)
     """SLAMs: `hector`, `tinyslam`, `gmapping`, `graph`, `odometry` or `truth`, also with parameters
-    (`hector?preset=faithful`), or `module:attribute`. With a known map, localizers: `amcl`, `odometry` or `truth`."""
+    (`hector?preset=faithful`), or `module:attribute`. With a known map, localizers: `amcl`, `odometry` or `truth`.
+    The report compares several with `truth`, if included."""
     people: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
     """Numbers of people, or presets (`sparse`, `dense`, `corridor`, `doorway`, `crossing`), optionally with parameters:
     `20?attentive=0.5,model=orca`; `usual` is the environment's default."""
     time_limit: PositiveFloat | None = None
     """Time limit of an episode [s]; null for a limit that grows with the world."""
-    slam_axis: SlamAxis = SlamAxis()
-    """Additional comparison of SLAM algorithms."""
 
     @field_validator("people")
     @classmethod
@@ -156,30 +143,13 @@ class Settings(Section):
             raise ValueError("must be unique")
         return names
 
-    @field_validator("slam_axis")
-    @classmethod
-    def _share_labels(cls, axis: SlamAxis, info: ValidationInfo) -> SlamAxis:
-        labels: dict[str, str] = {}
-        for label, world in map(parse_world, (*info.data.get("worlds", ()), *axis.worlds)):
-            if labels.setdefault(label, world) != world:
-                raise ValueError(f"worlds {labels[label]!r} and {world!r} must not both be called {label!r}")
-        return axis
-
-    def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield the starts of the main evaluation (without `slam_axis`): conditions, seed and policy names."""
-        for case in self._cases(self.worlds, self.robots, self.physics, self.slam, self.people):
+    def starts(self) -> Iterator[tuple[Case, int]]:
+        """Yield conditions and seed of each start."""
+        arguments = self.arguments | ({} if self.time_limit is None else {"time_limit": self.time_limit})
+        conditions = self.robots, self.physics, self.slam, self.people
+        for name, robot, physics, slam, people in product(self.worlds, *conditions):
+            label, world = parse_world(name)
+            case = Case(world, robot, physics, slam, people, label if label != world else "", self.id, arguments)
             episodes = (case.name("world") in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):
-                yield case, seed, self.policies
-
-    def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        axis = self.slam_axis
-        for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam, self.people[:1]):
-            for seed in range(self.seed, self.seed + axis.episodes):
-                yield case, seed, axis.policies
-
-    def _cases(self, worlds: tuple[str, ...], *conditions: tuple[str, ...]) -> Iterator[Case]:
-        arguments = self.arguments | ({} if self.time_limit is None else {"time_limit": self.time_limit})
-        for name, robot, physics, slam, people in product(worlds, *conditions):
-            label, world = parse_world(name)
-            yield Case(world, robot, physics, slam, people, label if label != world else "", self.id, arguments)
+                yield case, seed

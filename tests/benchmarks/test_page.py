@@ -87,12 +87,5 @@ def test_the_command_on_a_page_names_no_folder_of_the_machine(arguments, out, sh
 
 
 def test_labels_name_worlds_and_nothing_else():
-    cases = [case for case, *_ in SETTINGS.starts()]
-    named = dict.fromkeys((case.world, case.name("world")) for case in cases)
+    named = dict.fromkeys((case.world, case.name("world")) for case, _ in SETTINGS.starts())
     assert list(named) == [("maps/home.yaml", "home"), ("maze", "maze")]
-    axis = {"policies": ("nearest",), "worlds": ("home=maps/home.yaml",)}
-    both = Settings(policies=("nearest",), worlds=("home=maps/home.yaml",), slam=("hector",), slam_axis=axis)
-    (here,), there = ({case for case, *_ in starts} for starts in (both.starts(), both.slam_axis_starts()))
-    assert here in there
-    with pytest.raises(ValueError, match="both be called 'home'"):
-        Settings(policies=("nearest",), worlds=("home=other.yaml",), slam_axis=axis)

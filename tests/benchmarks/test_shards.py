@@ -17,22 +17,21 @@ from lidarnaut.envs.worlds import WORLD_NAMES
 from lidarnaut.evaluate_command import main
 from tests.benchmarks.explorations import deterministic
 
+ROOT = Path(__file__).parents[2]
 SETTINGS = Settings(
     policies=("nearest", "random"),
     worlds=("pimouse_arena", "turtlebot3_dqn_stage1"),
     episodes=2,
     physics=("kinematic",),
     time_limit=2.0,
-    slam_axis={"policies": ("nearest",), "worlds": ("pimouse_arena",), "episodes": 1, "slam": ("truth", "hector")},
 )
 OPTIONS = ["--policies", "nearest", "random", "--physics", "kinematic", "--time-limit", "2"]
-NO_AXIS = {"slam_axis": type(SETTINGS.slam_axis)()}
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     evaluation = Evaluation(SETTINGS, tmp_path_factory.mktemp("whole"))
-    assert (evaluation.total, evaluation.run()) == (9, [])
+    assert (evaluation.total, evaluation.run()) == (8, [])
     return evaluation
 
 
@@ -50,19 +49,17 @@ def test_shards_partition_the_evaluation_and_merge_to_the_same(whole, tmp_path):
     together = Evaluation(SETTINGS, tmp_path)
     assert (together.done, together.missing()) == (whole.total, [])
     assert deterministic(together.rows()) == deterministic(whole.rows())
-    assert deterministic(together.slam_axis_rows()) == deterministic(whole.slam_axis_rows())
 
 
 def test_shards_of_two_totals_do_not_share_a_folder(tmp_path):
-    settings = SETTINGS.model_copy(update=NO_AXIS)
-    first, late = Evaluation(settings, tmp_path, "1/2"), Evaluation(settings, tmp_path, "1/3")
+    first, late = Evaluation(SETTINGS, tmp_path, "1/2"), Evaluation(SETTINGS, tmp_path, "1/3")
     assert first.run() == []
     with pytest.raises(ValueError, match=rf"{tmp_path} holds shards I/2, and --shard is 1/3"):
         late.run()
     assert {path.name for path in tmp_path.glob("*.csv")} == {"episodes-1of2.csv"}
     for rest in ("2/2", None):
-        assert Evaluation(settings, tmp_path, rest).run() == []
-    assert len(Evaluation(settings, tmp_path).rows()) == 8
+        assert Evaluation(SETTINGS, tmp_path, rest).run() == []
+    assert len(Evaluation(SETTINGS, tmp_path).rows()) == 8
 
 
 class Fragile(RandomExplorer):
@@ -98,7 +95,7 @@ def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, caps
 
 
 def test_a_robot_that_does_not_fit_does_not_end_the_suite(tmp_path):
-    changes = {"worlds": ("pimouse_arena", "maze"), "robots": ("tugbot",), "episodes": 1, **NO_AXIS}
+    changes = {"worlds": ("pimouse_arena", "maze"), "robots": ("tugbot",), "episodes": 1}
     evaluation = Evaluation(SETTINGS.model_copy(update=changes), tmp_path)
     failures = evaluation.run()
     assert {failure.key.world for failure in failures} == {"pimouse_arena"}
@@ -118,19 +115,20 @@ def test_nothing_is_run_for_a_report(whole, tmp_path, no_overview):
 
 
 def test_the_arena_of_the_project_covers_everything():
-    settings = read_record(Path(__file__).parents[2] / "configs" / "arena.yaml", Settings)
+    settings = read_record(ROOT / "configs" / "arena.yaml", Settings)
     # Families are listed only if they have results.
     assert set(settings.worlds) == {*WORLD_NAMES, "rooms", "maze", "warehouse", "caves"}
     learned = {f"learned{name}:pretrained/frontiers" for name in ("=learned", "_pursuit=pursuit")}
     assert set(settings.policies) == {*EXPLORERS, *learned, "twist=ppo:pretrained/twist"}
-    assert set(settings.slam_axis.slam) == set(SLAM_NAMES)
+    settings = read_record(ROOT / "configs" / "experiments" / "mapping_error.yaml", Settings)
+    assert set(settings.slam) == set(SLAM_NAMES)
 
 
 def test_groups_stand_for_their_worlds_and_mistakes_are_named():
     settings = parse_record({"policies": ["random"], "worlds": ["library", "barn_test"]}, "mem", Settings)
     assert settings.worlds == (*WORLD_NAMES, *(f"barn:{number}" for number in range(0, 300, 6)))
     for data, message in (
-        ({"slam_axis": {"episode": 3}}, r"mem: unknown key 'slam_axis.episode' \(did you mean 'episodes'\?\)"),
+        ({"episode": 3}, r"mem: unknown key 'episode' \(did you mean 'episodes'\?\)"),
         ({"worlds": ["maze", "families"]}, "worlds: must be unique"),
         ({"physics": 3}, "physics: .*tuple, got 3"),
     ):
@@ -152,7 +150,7 @@ def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path
 
 
 def test_the_bound_uses_the_true_pose_whatever_it_bounds(tmp_path):
-    changes = {"policies": ("oracle", "nearest"), "worlds": ("pimouse_arena",), "slam": ("odometry",), **NO_AXIS}
+    changes = {"policies": ("oracle", "nearest"), "worlds": ("pimouse_arena",), "slam": ("odometry",)}
     settings = SETTINGS.model_copy(update=changes)
     evaluation = Evaluation(settings, tmp_path)
     assert evaluation.run() == []
