@@ -4,7 +4,7 @@ import webbrowser
 import pytest
 
 from lidarnaut.envs.command_line import run_command
-from lidarnaut.envs.player import Recording, build_page
+from lidarnaut.envs.player import build_page
 from lidarnaut.envs.player.__main__ import main
 from tests.player.episodes import synthetic
 
@@ -20,14 +20,6 @@ def test_names_are_escaped_and_the_same_episodes_make_the_same_page():
     assert "<title>&lt;b&gt;&amp; and made_up in hall</title>" in page
     assert page == build_page([synthetic(5.0, explorer="<b>&"), synthetic(5.0)])
     assert r"<title>\ud800\x1b[2J in hall</title>" in build_page([synthetic(5.0, explorer="\ud800\x1b[2J")])
-
-
-def test_recordings_without_a_name_are_refused(tmp_path):
-    recording = synthetic(5.0)
-    del recording.about["explorer"]
-    (tmp_path / "a.npz").write_bytes(recording.to_bytes())
-    with pytest.raises(ValueError, match=r"a\.npz is not a recorded episode \(about lacks explorer\)"):
-        Recording.load(tmp_path / "a.npz")
 
 
 def test_the_command_writes_the_page_and_opens_it(tmp_path, monkeypatch, capsys):

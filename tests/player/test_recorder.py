@@ -42,8 +42,11 @@ def record(env, explorer, seed=0):
 
 
 def test_a_recording_holds_what_happened_and_changes_nothing():
-    env = make_env()
+    env, calls = make_env(), []
+    env.unwrapped.on_period = calls.append  # of another recorder
     recording, episode, seen = record(env, NearestExplorer())
+    assert len(calls) == 1 + round(episode.duration / env.unwrapped.control_period)
+    assert env.unwrapped.on_period == calls.append
     belief, start = env.unwrapped.belief, env.unwrapped.map_pose
     plain = run_episode(make_env(), NearestExplorer(), 0)
     np.testing.assert_array_equal(plain.history.of("explored_fraction"), episode.history.of("explored_fraction"))
@@ -65,27 +68,27 @@ def test_a_recording_holds_what_happened_and_changes_nothing():
     assert recording.plan_ends[-1] > 0
 
 
-@pytest.mark.parametrize("make", [GainOverCostExplorer, lambda: ScoreExplorer(FrontierScore()), NearestExplorer])
+@pytest.mark.parametrize("make", [GainOverCostExplorer, lambda: ScoreExplorer(FrontierScore()), NearestExplorer, None])
 def test_decisions_are_recorded_with_the_scores_by_which_they_were_made(make):
-    recording, *_ = record(make_env(), make())
-    assert len(recording.decision_times) >= 3
-    assert recording.decision_times[0] == 0.0
-    first = recording.candidates[: recording.candidate_ends[0]]
-    assert len(first) > 1
-    assert first[recording.decision_chosen[0], 5] == first[:, 5].max()
+    env = make_env() if make else make_env("lidarnaut/ExploreFrontiers-v0")
+    explorer = make() if make else policies_for(env)["nearest"]()
+    recording, episode, _ = record(env, explorer)
+    assert len(recording.decision_times) >= (3 if make else 2)
+    assert recording.time[-1] == pytest.approx(episode.duration)
     # A drive does not end with a return to an abandoned goal, even with the best score.
     assert (recording.decision_chosen >= 0).all()
     assert len(recording.markers) == 0
-
-
-def test_candidates_have_their_costs_and_the_rules_values():
-    env, explorer = make_env(time_limit=3.0), GainOverCostExplorer()
-    recording, *_ = record(env, explorer)
-    candidates = explorer.navigator.candidates
-    last = recording.candidates[-len(candidates) :]
-    np.testing.assert_allclose(last[:, :2], candidates["frontier"], atol=1e-5)
-    np.testing.assert_allclose(last[:, 2], candidates["cost"], rtol=1e-6)
-    np.testing.assert_allclose(last[:, 5], explorer.scores, rtol=1e-5)
+    if make:
+        assert recording.decision_times[0] == 0.0
+        first = recording.candidates[: recording.candidate_ends[0]]
+        assert len(first) > 1
+        assert first[recording.decision_chosen[0], 5] == first[:, 5].max()
+        candidates = explorer.navigator.candidates
+        last = recording.candidates[-len(candidates) :]
+        np.testing.assert_allclose(last[:, :2], candidates["frontier"], atol=1e-5)
+        np.testing.assert_allclose(last[:, 2], candidates["cost"], rtol=1e-6)
+    if make is GainOverCostExplorer:
+        np.testing.assert_allclose(last[:, 5], explorer.scores, rtol=1e-5)
 
 
 def test_trees_and_points_are_recorded_once_with_the_samples_that_show_them():
@@ -117,14 +120,11 @@ def test_trees_and_points_are_recorded_once_with_the_samples_that_show_them():
     assert "<title>" in build_page([recording])
 
 
-def test_predicted_floor_and_tours_are_rows_too():
+def test_predicted_floor_and_tours_are_recorded():
     tour = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
     rows = marker_rows(Markers(predicted=np.array([[0.5, -1.0, 0.87]]), side=0.2, tour=tour))
     expected = [[5, 0.5, -1.0, 0.9, 0.2], [6, 0.0, 0.0, 1.0, 0.0], [6, 1.0, 0.0, 1.0, 2.0]]
     np.testing.assert_allclose(rows, expected, rtol=1e-6)
-
-
-def test_an_explorer_of_the_expected_map_records_what_it_expects():
     env, explorer = make_env(time_limit=6.0), ForesightExplorer(Completion(CompletionNetwork()))
     explorer.rule.predict = lambda grid: Prediction(np.full((200, 200), 0.8, np.float32), 0.0, (-20.0, -20.0), 0.2)
     recording, *_ = record(env, explorer)
@@ -135,23 +135,6 @@ def test_an_explorer_of_the_expected_map_records_what_it_expects():
     assert len(markers.tour) > 1
     # A tour begins at the chosen frontier, at most a few cells away.
     assert np.hypot(*(markers.tour[0] - markers.chosen[0])) < 1.0
-
-
-def test_decisions_of_the_decision_level_are_recorded_too():
-    env = make_env("lidarnaut/ExploreFrontiers-v0")
-    recording, episode, _ = record(env, policies_for(env)["nearest"]())
-    assert recording.time[-1] == pytest.approx(episode.duration)
-    assert len(recording.decision_times) >= 2
-    assert (recording.decision_chosen >= 0).all()
-
-
-def test_the_callback_of_another_recorder_goes_on():
-    env, calls = make_env(time_limit=1.0), []
-    env.unwrapped.on_period = calls.append
-    recording, *_ = record(env, NearestExplorer())
-    assert len(calls) == 1 + round(1.0 / env.unwrapped.control_period)
-    assert env.unwrapped.on_period == calls.append
-    assert len(recording.time) == 3
 
 
 @pytest.mark.parametrize(
@@ -175,7 +158,8 @@ def test_every_task_is_recorded_with_its_goal_route_and_teammates(id, arguments,
     goal = task.goal[:2] if id == "Navigate" else (np.nan, np.nan)
     np.testing.assert_allclose(recording.goals, np.tile(goal, (len(recording.time), 1)), atol=1e-5)
     assert len(recording.route) == (len(task.route.points) if id == "Track" else 0)
-    assert len(recording.people_radii) == (1 if id == "ExploreTeam" else 0)
+    assert recording.about["bodies"] == ["robot"] * (id == "ExploreTeam")
+    assert len(recording.people_radii) == len(recording.about["bodies"])
     assert recording.plan_ends[-1] > 0 or id == "Track"
     assert "<title>" in build_page([recording])
 
@@ -195,7 +179,7 @@ def test_people_are_recorded_with_their_velocity_and_tracks_in_the_map_frame():
     assert recording.track_ends.tolist() == [0, 1]
 
 
-def test_who_ignores_the_robot_and_who_is_a_robot_is_recorded():
+def test_who_ignores_the_robot_is_recorded():
     assert [BODY_KINDS[kind] for kind in (ATTENTIVE, BLIND, STANDING, FIXED_ROUTE)] == list(BODY_KINDS)
     arguments = {"people": "6?attentive=0.5", "physics": "kinematic", "time_limit": 1.0}
     env = gymnasium.make("lidarnaut/ReachCrowd-v0", **arguments)
@@ -205,10 +189,6 @@ def test_who_ignores_the_robot_and_who_is_a_robot_is_recorded():
     bodies = recorder.recording().about["bodies"]
     assert [name == "blind" for name in bodies] == (kinds == BLIND).tolist()
     assert set(bodies) == {"attentive", "blind"}
-    team = gymnasium.make("lidarnaut/ExploreTeam-v0", world="turtlebot3_world", physics="kinematic")
-    with EpisodeRecorder(team) as recorder:
-        team.reset(seed=0)
-    assert recorder.recording().about["bodies"] == ["robot"]
 
 
 def test_a_map_that_grows_and_is_redrawn_is_replayed():
@@ -276,6 +256,7 @@ def test_recordings_without_markers_are_read(tmp_path):
         (changed("poses", lambda poses: poses.astype(float)), "poses is float64"),
         (changed("map_cells", lambda cells: cells + 10**6), "outside of the map"),
         (changed("about", lambda _: np.frombuffer(b'{"format": 7}', np.uint8)), "format 7"),
+        (changed("about", lambda _: np.frombuffer(b'{"format": 3}', np.uint8)), "about lacks explorer, figures, floor"),
     ],
 )
 def test_what_is_no_recording_is_named(tmp_path, content, says):
