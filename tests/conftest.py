@@ -13,7 +13,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # trainings in one process, with 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 # `make test-python` installs no torch.
-package = [f"package/{name}.py" for name in ("test_every_id", "test_ray", "test_wheel")]
+package = [f"package/{name}.py" for name in ("test_every_id", "test_wheel")]
 learning = ["agents", "benchmarks", "examples", "robustness", *package]
 collect_ignore = [] if find_spec("torch") else learning
 

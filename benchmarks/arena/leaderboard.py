@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from lidarnaut.agents.policy_names import is_bound, short
 from lidarnaut.agents.statistics import Estimate
@@ -22,13 +21,6 @@ def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cel
     return {policy: Cell.of(value, measure, policy == best) for policy, value in estimates.items()}
 
 
-def policies_table(episodes: Episodes, shown: Sequence[Measure], names: Mapping[str, str], **how: Any) -> Table:
-    """Return a table with a row for each policy of `names` and a column for each measure."""
-    columns = [marked(episodes.standing(measure), measure) for measure in shown]
-    lines = [[Cell(name), *(column.get(policy, DASH) for column in columns)] for policy, name in names.items()]
-    return Table(("", *(measure.title for measure in shown)), lines, **how)
-
-
 def ranked_policies(episodes: Episodes) -> dict[str, str]:
     """Return all policies, best first, with their ranks; last bounds, and policies without a start of the reference."""
     found, rest = ranks(episodes), (*episodes.standing(episodes.measures.decisive), *episodes.policies)
@@ -43,7 +35,9 @@ def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
     ranked = ranked_policies(episodes)
     names = {policy: f"{rank}: {short(policy)}" if rank else short(policy) for policy, rank in ranked.items()}
     shown = [episodes.measures.times.get(one.name, one) for one in shown] if len(names) == 1 else shown
-    return policies_table(episodes, shown, names, is_open=True)
+    columns = [marked(episodes.standing(measure), measure) for measure in shown]
+    lines = [[Cell(name), *(column.get(policy, DASH) for column in columns)] for policy, name in names.items()]
+    return Table(("", *(measure.title for measure in shown)), lines, is_open=True)
 
 
 def ranking_sections(episodes: Episodes) -> list[Section]:

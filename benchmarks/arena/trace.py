@@ -73,8 +73,7 @@ class Trace:
             grid = OccupancyGrid(file["map"], float(file["resolution"]), (float(x), float(y)))
             curve = ProgressCurve(*file["curve"])
             start = Pose2D(*map(float, file["start"]))
-            people = file["people"] if "people" in file else np.empty((0, 3))  # none in files of earlier versions
-            shapes = file["segments"], file["circles"], people
+            shapes = file["segments"], file["circles"], file["people"]
             return cls(curve, file["trail"], grid, file["known_since"], start, *shapes)
 
 

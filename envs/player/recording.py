@@ -3,7 +3,7 @@
 import io
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -91,11 +91,10 @@ class Recording:
     """End index (exclusive) of each sample's people in `tracks`."""
     floor: Annotated[np.ndarray, np.uint8, "rows", "columns"]
     """Grid of the floor to explore, world frame: 1 for cells to explore, else 0; a single 0 for other tasks."""
-    markers: Annotated[np.ndarray, np.float32, "markers", 6] = field(default_factory=lambda: np.empty((0, 6), "f4"))
+    markers: Annotated[np.ndarray, np.float32, "markers", 6]
     """Markers of the policy that appear or vanish: index of the sample, kind (0 candidate goal, 1 chosen goal, 2 found
     point, 3 edge of the global tree, 4 edge of a local tree, 5 cell predicted to be floor, 6 part of the tour),
-    position (x, y), end of an edge (x, y) or probability and side of a cell, map frame [m]. Older recordings have
-    none."""
+    position (x, y), end of an edge (x, y) or probability and side of a cell, map frame [m]."""
 
     @classmethod
     def of(cls, about: dict[str, Any], **arrays: Any) -> "Recording":
@@ -121,10 +120,10 @@ class Recording:
     def load(cls, path: str | Path) -> "Recording":
         """Read a recording from a file; OSError if it is not readable, ValueError if it is no valid recording."""
         with open_archive(path, "recorded episode", "record one with `python evaluate.py ... --record`") as archive:
-            if missing := sorted({"about", *_LAYOUT} - {"markers", *archive.files}):
+            if missing := sorted({"about", *_LAYOUT} - {*archive.files}):
                 raise ValueError(f"it lacks {', '.join(missing[:3])}{', ...' * (len(missing) > 3)}")
             about = json.loads(archive["about"].tobytes())
-            recording = cls(about, **{name: archive[name] for name in _LAYOUT if name in archive.files})
+            recording = cls(about, **{name: archive[name] for name in _LAYOUT})
             recording._check()
         return recording
 

@@ -26,6 +26,9 @@ from tests.benchmarks.explorations import MEASURES, deterministic, read_rows
 ROOT = Path(__file__).parents[2]
 WORLD = "turtlebot3_world"
 BRIEF = ("--episodes", "2", "--physics", "kinematic", "--time-limit", "4")
+NAVIGATE, CHOOSE = (
+    ["--worlds", "usual", "--id", f"lidarnaut/{name}-v0", "--policies"] for name in ("Navigate", "ExploreFrontiers")
+)
 
 
 def test_the_command_leaves_table_summary_and_the_same_report_for_one_world_or_two(tmp_path, capsys, monkeypatch):
@@ -110,6 +113,14 @@ class Balanced(HTMLParser):
         (["--shard", "3/2"], ["shard", "'3/2'", "I/N"]),
         (["--jobs", "0"], ["jobs", "at least 1"]),
         (["--publish", __file__], ["Not a directory", "test_evaluate.py/arena"]),
+        ([*NAVIGATE, "nearest"], ["allowed are pursuit, pursuit:fast, dwb, dwb:agv, mppi, random"]),
+        ([*NAVIGATE, "persuit"], ["'persuit' (did you mean 'pursuit'?)"]),
+        ([*NAVIGATE, "random", "--arguments.goal_tolerance", "-1"], ["goal_tolerance must be positive, got -1"]),
+        (["--policies", "rrt_team"], ["'rrt_team' cannot do this task; allowed are random, nearest"]),
+        ([*CHOOSE, "rrt"], ["'rrt' cannot do this task; allowed are random, nearest, frontier"]),
+        ([*CHOOSE, "ppo:pretrained/twist"], ["twists, but lidarnaut/ExploreFrontiers-v0 takes"]),
+        (["--id", "lidarnaut/Naviate-v0"], ["'lidarnaut/Naviate-v0' (did you mean 'lidarnaut/Navigate-v0'?)"]),
+        (["--id", "nowhere:mine/Goal-v0"], ["id 'nowhere:mine/Goal-v0': there is no module 'nowhere'"]),
     ],
 )
 def test_wrong_names_fail_before_any_work(tmp_path, capsys, wrong, says):

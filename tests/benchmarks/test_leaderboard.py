@@ -10,7 +10,6 @@ from scipy import stats
 from lidarnaut.agents.statistics import Estimate
 from lidarnaut.benchmarks.arena import leaderboard
 from lidarnaut.benchmarks.arena.episodes import Episodes, best_of
-from lidarnaut.benchmarks.arena.leaderboard import policies_table
 from lidarnaut.benchmarks.arena.measures import Measures, texts
 from lidarnaut.benchmarks.arena.page import to_terminal
 from lidarnaut.envs.measures import DOCK, EXPLORATION, GOAL, PEOPLE, REACH, ROUTE, SWEEP, TIME_TO_SUCCESS
@@ -116,11 +115,11 @@ def test_leaderboards_have_the_measures_that_decide():
 
 def test_the_table_of_a_single_world_fits_120_columns_of_a_terminal():
     measures = Measures((*REACH, *PEOPLE), "progress")
-    names = {policy: policy for policy in ("pursuit", "ppo:runs/reach_house", "learned:pretrained/crowd")}
+    names = "pursuit", "ppo:runs/reach_house", "learned:pretrained/crowd"
     values = {measure.name: 0.5 for measure in measures.all} | {"time_limit": 100.0}
     rows = [row(policy, k) | values | {"time_to_goal": 50.0 if k else math.inf} for policy in names for k in range(5)]
     console = Console(file=io.StringIO(), width=400)
-    console.print(to_terminal(policies_table(Episodes(rows, measures), measures.brief, names), "5 starts"))
+    console.print(to_terminal(leaderboard.ranking_table(Episodes(rows, measures), measures.brief), "5 starts"))
     lines = console.file.getvalue().splitlines()
     assert 60 < max(map(len, lines)) <= 120
     assert len([line for line in lines if " to > " in line]) == 3

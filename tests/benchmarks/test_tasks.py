@@ -1,6 +1,4 @@
-import json
 import pickle
-import re
 from pathlib import Path
 
 import gymnasium
@@ -12,67 +10,40 @@ from lidarnaut.baselines import policies_for
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.envs.files import read_record
 from lidarnaut.envs.ids import arguments_of, find_spec
-from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.tasks.track import Track
 from lidarnaut.evaluate_command import main, split_arguments
 from tests.benchmarks.explorations import read_rows
 
 ROOT = Path(__file__).parents[2]
-BRIEF = ["--episodes", "1", "--physics", "kinematic", "--time-limit", "5", "--record"]
+BRIEF = ["--episodes", "1", "--physics", "kinematic", "--time-limit", "5"]
 BEND = "[[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]]"
 TRACK = ["--arguments.path", BEND, "--arguments.map-resolution=0.05", "--worlds", "turtlebot3_world"]
-WORLDS = ["--worlds", "pimouse_arena"]
 CASES = {
-    "Explore": (Explore, ["nearest", "random"], WORLDS),
-    "Navigate": (Navigate, ["pursuit", "random"], [*WORLDS, "--localizer", "truth"]),
-    "Track": (Track, ["route_follower", "random"], [*TRACK, "--robot", "turtlebot3_burger"]),
+    "Navigate": (Navigate, "pursuit", ["--worlds", "pimouse_arena", "--localizer", "truth"]),
+    "Track": (Track, "route_follower", [*TRACK, "--robot", "turtlebot3_burger"]),
 }
 
 
 @pytest.mark.parametrize("id", CASES)
-def test_a_classic_policy_and_random_are_compared_and_played(id, tmp_path, capsys):
-    task, policies, options = CASES[id]
-    command = ["--id", f"lidarnaut/{id}-v0", "--policies", *policies, *BRIEF, *options, "--out", str(tmp_path)]
-    assert main([*command, "--publish", str(tmp_path / "docs")]) == 0
+def test_a_classic_policy_and_random_are_compared_by_the_measures_of_the_task(id, tmp_path, no_overview):
+    task, policy, options = CASES[id]
+    command = ["--id", f"lidarnaut/{id}-v0", "--policies", policy, "random", *BRIEF, *options, "--out", str(tmp_path)]
+    assert main(command) == 0
     rows = read_rows(tmp_path)
     own = [measure.name for measure in task.measures]
     key = ["policy", "world", "seed", "robot", "physics", "slam", "people", "model"]
     common = ["path_length", "collisions", "position_rmse", "heading_rmse", "decision_ms", "success"]
     ending = ["end_reason", "duration", "time_limit", "distance_limit"]
     assert list(rows[0]) == [*key, *own, *common, *ending]
-    assert {row["policy"] for row in rows} == set(policies)
-    if id == "Navigate":
-        assert {row["slam"] for row in rows} == {"truth"}
-    report, page = (tmp_path / "report.html").read_text(), (tmp_path / "docs" / "arena.md").read_text()
-    links = re.findall(r'<a href="(players/[^"]+)">', report)
-    assert links
-    assert all("<title>" in (tmp_path / link).read_text() for link in links)
+    assert [row["policy"] for row in rows] == [policy, "random"]
+    assert {row["slam"] for row in rows} == {"truth"} or id == "Track"
     headline = next(measure for measure in task.measures if measure.is_headline)
-    assert f"Ordered by success, then by {'time to success, ratio' if id == 'Explore' else headline.label}" in page
+    page = (tmp_path / "leaderboard.md").read_text()
+    assert f"Ordered by success, then by {headline.label}" in page
     for title in ("At a glance", "Leaderboard", "World by world", "Not finished"):
         assert f"## {title}" in page, title
-    assert "success %" in capsys.readouterr().out
-    assert set(json.loads((tmp_path / "summary.json").read_text())) == set(policies)
-    other = ["--id", "lidarnaut/Explore-v0", "--policies", "frontier", *BRIEF, "--out", str(tmp_path)]
-    assert main(other) == (0 if id == "Explore" else 2)
-
-
-@pytest.mark.parametrize(
-    ("id", "policy", "says"),
-    [
-        ("lidarnaut/Navigate-v0", "nearest", "allowed are pursuit, pursuit:fast, dwb, dwb:agv, mppi, random"),
-        ("lidarnaut/Explore-v0", "rrt_team", "'rrt_team' cannot do this task; allowed are random, nearest"),
-        ("lidarnaut/ExploreFrontiers-v0", "rrt", "'rrt' cannot do this task; allowed are random, nearest, frontier"),
-        ("lidarnaut/ExploreFrontiers-v0", "ppo:pretrained/twist", "twists, but lidarnaut/ExploreFrontiers-v0 takes"),
-        ("lidarnaut/Navigate-v0", "persuit", "'persuit' (did you mean 'pursuit'?)"),
-        ("lidarnaut/Naviate-v0", "pursuit", "'lidarnaut/Naviate-v0' (did you mean 'lidarnaut/Navigate-v0'?)"),
-        ("nowhere:mine/Goal-v0", "pursuit", "id 'nowhere:mine/Goal-v0': there is no module 'nowhere'"),
-    ],
-)
-def test_who_cannot_do_a_task_is_told_who_can(id, policy, says, tmp_path, capsys):
-    assert main(["--id", id, "--policies", policy, *BRIEF, "--out", str(tmp_path)]) == 2
-    assert says in " ".join(capsys.readouterr().err.split())
+    assert main(["--id", "lidarnaut/Explore-v0", "--policies", "frontier", *BRIEF, "--out", str(tmp_path)]) == 2
 
 
 def test_arguments_of_the_environment_are_its_own(tmp_path, capsys):
@@ -82,8 +53,6 @@ def test_arguments_of_the_environment_are_its_own(tmp_path, capsys):
     assert arguments_of("lidarnaut/ExploreHouse-v0")["world"] == "turtlebot3_house"
     assert find_spec("lidarnaut:lidarnaut/Track-v0").id == "lidarnaut/Track-v0"
     command = ["--id", "lidarnaut/Navigate-v0", "--policies", "random", *BRIEF, "--out", str(tmp_path)]
-    assert main([*command, "--arguments.goal_tolerance", "-1"]) == 2
-    assert "goal_tolerance must be positive, got -1" in capsys.readouterr().err
     assert main([*command, "--shard", "1/1"]) == 0
     assert main([*command, "--arguments.goal_tolerance", "0.2"]) == 2
     said = " ".join(capsys.readouterr().err.split())
@@ -122,8 +91,17 @@ def test_parameters_of_dwb_are_set_by_name():
             parse_policy(name, makers)
         assert str(caught.value).startswith(f"policy '{name}': ")
         assert "\n" not in str(caught.value)
-    with pytest.raises(ValueError, match="max_goal_tolerance: Input should be greater than or equal to 0"):
-        parse_policy("frontier?max_goal_tolerance=-1")
+    for name, message in (
+        ("frontier?max_goal_tolerance=-1", "max_goal_tolerance: Input should be greater than or equal to 0"),
+        ("tour?max_tme=1", r"policy 'tour\?max_tme=1': unknown parameter 'max_tme' \(did you mean 'max_time'\?\)"),
+        ("random?speed=1", "allowed are none"),
+        ("nearest?max_time=fast", r"policy 'nearest\?max_time=fast': max_time must be a positive number"),
+        ("tour?", "unknown policy"),
+        ("ppo:pretrained/reach?determinstic=false", r"'determinstic' \(did you mean 'deterministic'\?\)"),
+        ("ppo:pretrained/reach?deterministic=no way", "deterministic must be true or false, got 'no way'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            parse_policy(name)
 
 
 def test_learned_policies_draw_their_actions_if_asked():
@@ -139,22 +117,6 @@ def test_learned_policies_draw_their_actions_if_asked():
     assert len(np.unique(drawn, axis=0)) > 1
     np.testing.assert_array_equal(drawn, actions("?deterministic=false", 1))
     assert len(np.unique(actions("", 1), axis=0)) == 1
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("tour?max_tme=1", r"policy 'tour\?max_tme=1': unknown parameter 'max_tme' \(did you mean 'max_time'\?\)"),
-        ("random?speed=1", "allowed are none"),
-        ("nearest?max_time=fast", r"policy 'nearest\?max_time=fast': max_time must be a positive number"),
-        ("tour?", "unknown policy"),
-        ("ppo:pretrained/reach?determinstic=false", r"'determinstic' \(did you mean 'deterministic'\?\)"),
-        ("ppo:pretrained/reach?deterministic=no way", "deterministic must be true or false, got 'no way'"),
-    ],
-)
-def test_unknown_parameters_are_refused(name, message):
-    with pytest.raises(ValueError, match=message):
-        parse_policy(name)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs" / "experiments").glob("*.yaml")), ids=lambda path: path.stem)

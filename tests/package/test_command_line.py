@@ -135,9 +135,6 @@ def test_configurations_go_by_name_or_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").write_text("experiment: mine\n")
     assert find_configuration("mine", "experiment") == Path("mine")
-
-
-def test_names_of_configurations_that_do_not_exist_say_which_do():
     names = {path.stem for path in (ROOT / "configs").glob("*.yaml")} - {"algorithms", "arena"} | {"ReachGoal-v0"}
     with pytest.raises(ValueError, match="did you mean 'explore_frontiers'") as error:
         find_configuration("explore_frontier", "experiment")
@@ -164,22 +161,16 @@ def run_bars(file, monkeypatch, **options):
     return file.getvalue()
 
 
-def test_where_there_is_no_terminal_whole_lines_are_written_now_and_then(monkeypatch):
+def test_a_bar_stays_on_its_line_of_a_terminal_and_elsewhere_writes_whole_lines_now_and_then(monkeypatch):
+    written = run_bars(Terminal(), monkeypatch)
+    assert written.count("\r") > 40
+    assert "40/40" in written.split("\r")[-1]
     written = run_bars(io.StringIO(), monkeypatch)
     assert not {"\r", "\x1b"} & set(written)
     assert written.endswith("\n")
     shares = [line.split("|")[0] for line in written.splitlines()]
     items = [f"items: {percent:3d}%" for percent in (0, 25, 50, 75, 100)]
     assert shares == [*items[:2], "parts:   0%", "a note", *items[2:]]
-
-
-def test_on_a_terminal_the_bar_stays_on_its_line(monkeypatch):
-    written = run_bars(Terminal(), monkeypatch)
-    assert written.count("\r") > 40
-    assert "40/40" in written.split("\r")[-1]
-
-
-def test_bars_that_are_short_or_switched_off_write_nothing(monkeypatch):
     for file in (io.StringIO(), Terminal()):
         monkeypatch.setattr(sys, "stderr", file)
         list(Progress(range(5), delay=60.0))

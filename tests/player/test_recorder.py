@@ -238,11 +238,6 @@ def changed(name, change):
     return content.getvalue()
 
 
-def test_recordings_without_markers_are_read(tmp_path):
-    (tmp_path / "older.npz").write_bytes(changed("markers", lambda _: None))
-    assert Recording.load(tmp_path / "older.npz").markers.shape == (0, 6)
-
-
 @pytest.mark.parametrize(
     ("content", "says"),
     [
