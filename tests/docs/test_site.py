@@ -161,14 +161,6 @@ def test_the_api_page_documents_the_public_names_with_types():
         assert "FieldInfo(" not in path.read_text(encoding="utf-8"), path.name
 
 
-@needs_site
-def test_the_robot_page_has_all_keys():
-    page = (SITE / "guides/customize" / "robot.html").read_text(encoding="utf-8")
-    for text in ("ticks_per_rev", "position_per_metre", "has_compass", "max_acc_w", "center_of_mass", "clearance"):
-        assert re.search(rf"<td[^>]*>.*{text}", page), text
-    assert "turtlebot3_burger" in page
-
-
 def test_a_broken_link_would_be_found(tmp_path):
     (tmp_path / "b.html").write_text('<p id="here"><a name="there"></a></p>')
     page = tmp_path / "a.html"
