@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import tyro
 
-from lidarnaut.benchmarks.drives.driving import compare_driving
 from lidarnaut.benchmarks.drives.localization import compare_amcl, compare_on_log
 from lidarnaut.benchmarks.drives.recording import Row, table
 from lidarnaut.benchmarks.drives.slams import compare_kidnapped, compare_slams
@@ -20,7 +19,6 @@ STAGES: dict[str, Callable[..., list[Row]]] = {
     "localization": compare_amcl,
     "localization-log": compare_on_log,
     "teams": compare_teams,
-    "driver": compare_driving,
 }
 
 

@@ -12,10 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarnaut.benchmarks.drives.driving import ROBOT, WORLD, Loop, make_policy
+from lidarnaut.agents.policies import make_policy
 from lidarnaut.driver import Driver
 from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.command_line import Count, run_command
+from tests.driver.loop import Loop
+
+WORLD, ROBOT = "turtlebot3_house", "turtlebot3_burger"
 
 
 class Recorded(Driver):
@@ -25,9 +28,9 @@ class Recorded(Driver):
         super().__init__(*arguments, **options)
         self.calls = []
 
-    def scan(self, ranges, stamp):
+    def scan(self, ranges, stamp, delays=None):
         self.calls.append(("scan", ranges.tolist(), stamp))
-        super().scan(ranges, stamp)
+        super().scan(ranges, stamp, delays=delays)
 
     def odometry(self, pose, stamp):
         self.calls.append(("odometry", pose, stamp))

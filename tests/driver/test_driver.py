@@ -12,7 +12,6 @@ from lidarnaut import make_explorer
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with
-from lidarnaut.benchmarks.drives.driving import IDEAL, LINKS, Link, Loop
 from lidarnaut.driver import Driver
 from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import wrap_angle
@@ -22,6 +21,7 @@ from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.worlds import load_world
 
 from .feeding import feed
+from .loop import IDEAL, LINKS, Link, Loop
 
 BURGER = "turtlebot3_burger"
 STEPS = 120
