@@ -45,7 +45,8 @@ def test_a_checkpoint_comes_back_bit_for_bit(fresh_model, tiny_config, tmp_path)
     model = fresh_model()
     model.learn(256)
     np.random.standard_normal()  # noqa: NPY002 (keeps the second number of a pair: hidden state)
-    row = {"policy": "learned", "steps": 256, "progress": 0.1, "success": 0.5, "spl": 0.1, "scores": "0.1"}
+    row = {"policy": "learned", "steps": 256, "progress": 0.1, "success": 0.5}
+    row |= {"spl": 0.1, "spl_q25": 0.1, "scores": "0.1"}
     saved = capture(model, tiny_config, [row], 5.0)
     folder = save_checkpoint(saved, tmp_path, keep=2)
     drawn = draw()
