@@ -42,19 +42,8 @@ def test_evaluate_takes_names_and_own_policies_and_keeps_files_if_asked(tmp_path
     assert (tmp_path / "out" / "report.html").is_file()
     del own["pursuit"]
     assert set(lidarnaut.evaluate(own, ["rooms"], **common)) == {"still"}
-
-
-@pytest.mark.parametrize(
-    ("wrong", "match"),
-    [
-        ({"episodes": 0}, "episodes.* 1"),
-        ({"policies": ["persuit"]}, "did you mean 'pursuit'"),
-        ({"people": ["lots"]}, "lots"),
-    ],
-)
-def test_wrong_arguments_of_evaluate_name_the_culprit(wrong, match):
-    with pytest.raises(ValueError, match=match):
-        lidarnaut.evaluate(**{"policies": ["pursuit"], "id": "lidarnaut/ReachGoal-v0", **wrong})
+    with pytest.raises(ValueError, match=r"episodes.* 1"):
+        lidarnaut.evaluate(["random"], **common | {"episodes": 0})
 
 
 def test_evaluate_has_the_defaults_of_settings():
