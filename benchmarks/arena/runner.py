@@ -87,15 +87,9 @@ class Evaluation:
         # Paired episodes stay in one shard.
         groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in self._tasks))}
         own = [task for key, task in self._tasks.items() if groups[key.world, key.seed] % total == number - 1]
-        worlds = {key.world: task.case.world for key, task in self._tasks.items()}
-        known = {USUAL, *WORLD_NAMES, *BARN_NAMES, *FAMILIES}
-        own_worlds = {name: world for name, world in worlds.items() if world not in known}
-        presets = {key.slam: split_parameters(key.slam)[1].get("preset", "") for key in self._tasks}
-        robots = {f"robot {key.robot}": task.case.robot for key, task in self._tasks.items()}
-        own_worlds |= {name: file for name, file in (presets | robots).items() if Path(str(file)).is_file()}
         common = {"time_limit": settings.time_limit, "id": settings.id}
         common["arguments"] = json.loads(json.dumps(settings.arguments, default=repr))
-        self._records = Records(folder, self.columns, common, self._shard, own_worlds)
+        self._records = Records(folder, self.columns, common, self._shard, self._own_files())
         self._missing = self._not_found(own)
         self.total = len(own)
         self.conditions = Conditions(
@@ -168,6 +162,15 @@ class Evaluation:
         """Return the failed and pending episodes of all machines, with reasons."""
         missing = self._not_found(self._tasks.values())
         return [Result(task.key, reason=self._records.failure(task.key) or NOT_RUN) for task in missing]
+
+    def _own_files(self) -> dict[str, str]:
+        """Return the sources of user-defined worlds, and files of SLAM presets and robots, as `Records` takes them."""
+        worlds = {key.world: task.case.world for key, task in self._tasks.items()}
+        known = {USUAL, *WORLD_NAMES, *BARN_NAMES, *FAMILIES}
+        presets = {key.slam: split_parameters(key.slam)[1].get("preset", "") for key in self._tasks}
+        robots = {f"robot {key.robot}": task.case.robot for key, task in self._tasks.items()}
+        files = {name: file for name, file in (presets | robots).items() if Path(str(file)).is_file()}
+        return {name: world for name, world in worlds.items() if world not in known} | files
 
     def _find(self, task: Job) -> Row | None:
         return self._records.find(task.key, task.policy.model)
