@@ -14,7 +14,8 @@ from lidarnaut.envs.worlds import World
 
 from .contact import Contact, check_starts, find_contacts
 from .crowd import Crowd, People
-from .crowd.step import with_bodies
+from .crowd import person_row as crowd_at
+from .crowd.step import with_people
 from .rows import Reading, RobotState, Rows, Twist
 from .sensors import SLIP_LEFT, sense
 from .spinning_lidar import SpinningLidar
@@ -156,13 +157,15 @@ class Simulator(Mover):
 
     def sense(self) -> None:
         rows, world = self.rows, self._reset_world()
-        visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
-        sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible, world.magnets)
+        sense(rows.numbers, rows.draws, rows.ranges, world.segments, self._visible_circles(world), world.magnets)
 
     def _spin(self, world: World) -> None:
         if self.robot.lidar.scan_time:
-            visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
-            self._spinning.measure(self.rows, world.segments, visible, deskews=self.deskews)
+            self._spinning.measure(self.rows, world.segments, self._visible_circles(world), deskews=self.deskews)
+
+    def _visible_circles(self, world: World) -> np.ndarray:
+        visible: np.ndarray = with_people(world.circles, self.crowd.rows, self.crowd.setup[crowd_at.LEGS] > 0.0)
+        return visible
 
     def _reset_world(self) -> World:
         if self._world is None:

@@ -98,24 +98,15 @@ def _follow_route(person, points, dt):
 
 
 @njit(cache=True, error_model="numpy")
-def with_people(circles, people):
-    """Return obstacle circles (x, y, radius) [m], followed by one circle per person."""
-    count = circles.shape[0]
-    extended = with_room(circles, people.shape[0])
-    for i in range(people.shape[0]):
-        write_row(extended[count + i], (people[i, at.X], people[i, at.Y], people[i, at.RADIUS]))
-    return extended
-
-
-@njit(cache=True, error_model="numpy")
-def with_bodies(circles, people, setup):
+def with_people(circles, people, has_legs):
     """Return obstacle circles (x, y, radius) [m], followed by circles for people's bodies or swinging legs."""
-    if setup[at.LEGS] == 0.0:
-        return with_people(circles, people)
     count = circles.shape[0]
-    extended = with_room(circles, 2 * people.shape[0])
+    extended = with_room(circles, (2 if has_legs else 1) * people.shape[0])
     for i in range(people.shape[0]):
         person = people[i]
+        if not has_legs:
+            write_row(extended[count + i], (person[at.X], person[at.Y], person[at.RADIUS]))
+            continue
         c, s = math.cos(person[at.HEADING]), math.sin(person[at.HEADING])
         swing = 0.5 * STRIDE * math.sin(person[at.PHASE])
         for leg, side in enumerate((-1.0, 1.0)):
