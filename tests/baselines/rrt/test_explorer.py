@@ -4,8 +4,7 @@ from sklearn.cluster import MeanShift
 
 from lidarnaut.baselines import RrtExplorer, RrtParams
 from lidarnaut.baselines.rrt.detector import RrtDetector, mean_shift
-from lidarnaut.baselines.rrt.robot import RrtRobot
-from lidarnaut.baselines.rrt.team import UNASSIGNED, assign
+from lidarnaut.baselines.rrt.team import UNASSIGNED, RrtRobot, assign
 from lidarnaut.baselines.rrt.trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest
 from lidarnaut.envs.geometry import OccupancyGrid
 from tests.baselines.maps import BURGER, belief_at, reading_of
@@ -73,16 +72,18 @@ def test_the_global_tree_stays_in_free_space_and_finds_the_frontier_behind_the_d
     np.testing.assert_allclose(tree.vertices[0], (0.0, 0.0), atol=1e-5)
     rows, cols = grid.cells(tree.vertices).T
     assert (grid.data[rows, cols] == 0).all()
-    gaps = np.hypot(*(tree.vertices[:, None] - tree.vertices[None]).transpose(2, 0, 1))
+    gaps = distances(tree.vertices, tree.vertices)
     assert gaps[~np.eye(len(gaps), dtype=bool)].min() >= 0.3 - 1e-4
-    for k in range(1, len(gaps)):
-        near = np.flatnonzero(gaps[k, :k] <= eta + 1e-4)
-        ends = [((tree.vertices[[other, k]] - grid.origin) / grid.resolution).ravel() for other in near]
-        assert any(grid_check(grid.data, *end)[0] == CLEAR for end in ends)
+    np.testing.assert_allclose(tree.edges[:, 1], tree.vertices[1:], atol=1e-5)
+    for k, (parent, end) in enumerate(tree.edges, start=1):
+        assert (np.abs(tree.vertices[:k] - parent).max(axis=1) < 1e-5).any()
+        assert np.hypot(*(end - parent)) <= eta + 1e-4
+        assert grid_check(grid.data, *((np.array([parent, end]) - grid.origin) / grid.resolution).ravel())[0] == CLEAR
     # All frontier points are along the open side at x = 9.1, from wall to wall.
     np.testing.assert_allclose(found[:, 0], 9.125, atol=1e-9)
     assert found[:, 1].min() < -1.5
     assert found[:, 1].max() > 1.5
+    assert Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=False).edges.shape == (0, 2, 2)
 
 
 def test_the_local_tree_starts_again_at_the_robot_after_a_find():
@@ -96,35 +97,6 @@ def test_the_local_tree_starts_again_at_the_robot_after_a_find():
     assert len(np.concatenate(grown(local, grid, 20, robot=(1.0, 1.0)))) == 0
     np.testing.assert_allclose(local.vertices[0], (0.0, 0.0), atol=1e-5)
     assert local.vertices[:, 0].max() < 4.0
-
-
-def grown_slowly(data, samples, eta, spacing, root):
-    """Grow a tree in Python that remembers parents (Nguyen et al. 2022, algorithm 2.1); cells, without resets."""
-    vertices, parents = [np.array(root)], []
-    for sample in samples:
-        gaps = np.hypot(*(np.array(vertices) - sample).T)
-        parent = int(gaps.argmin())
-        start, length = vertices[parent], gaps[parent]
-        end = sample if length <= eta else start + (sample - start) * eta / length
-        if grid_check(data, *start, *end)[0] == CLEAR and np.hypot(*(end - start)) >= spacing:
-            vertices.append(end)
-            parents.append(parent)
-    return np.array(vertices), parents
-
-
-@pytest.mark.parametrize("eta", [0.8, 15.0])
-def test_edges_lead_from_the_vertices_that_were_extended(eta):
-    grid, samples = rooms(), np.random.default_rng(3).uniform((-1.0, -2.6), (11.0, 2.6), (600, 2))
-    tree = Tree((0.5, 0.5), eta=eta, spacing=0.3, resets=False)
-    tree.grow(grid, samples, (0.0, 0.0))
-    cells = (samples - grid.origin) / 0.05
-    root = np.subtract((0.5, 0.5), grid.origin) / 0.05
-    vertices, parents = grown_slowly(grid.data, cells, eta / 0.05, 0.3 / 0.05, root)
-    expected = np.stack([vertices[parents], vertices[1:]], axis=1) * 0.05 + grid.origin
-    assert len(expected) > 60
-    assert len(set(parents)) > 20
-    np.testing.assert_allclose(tree.edges, expected, atol=1e-4)
-    assert Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=False).edges.shape == (0, 2, 2)
 
 
 def test_a_tree_stays_where_it_is_when_the_map_grows():
@@ -187,17 +159,14 @@ def test_two_robots_do_not_share_a_point_or_what_there_is_to_see():
 
 
 def test_three_robots_take_three_points_and_a_fourth_gets_none():
-    robots = np.array([[7.5, 2.0], [5.0, 7.5], [1.0, 2.0]])
+    robots = np.array([[7.5, 2.0], [5.0, 7.5], [1.0, 2.0], [9.0, 9.0]])
     costs = distances(robots, ISLANDS)
-    assert assign(island_map(), robots, ISLANDS, costs, RrtParams()).tolist() == [1, 2, 0]
-    more = np.vstack([robots, [[9.0, 9.0]]])
-    assert assign(island_map(), more, ISLANDS, distances(more, ISLANDS), RrtParams()).tolist() == [1, 2, 0, UNASSIGNED]
+    for count, expected in ((3, [1, 2, 0]), (4, [1, 2, 0, UNASSIGNED])):
+        assert assign(island_map(), robots[:count], ISLANDS, costs[:count], RrtParams()).tolist() == expected
     # Points that cannot be reached are not assigned.
-    robots = np.array([[1.0, 2.0], [7.0, 2.0]])
-    costs = distances(robots, ISLANDS)
-    costs[0] = np.inf
-    assert assign(island_map(), robots, ISLANDS, costs, RrtParams())[0] == UNASSIGNED
-    assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], RrtParams()).tolist() == [UNASSIGNED, UNASSIGNED]
+    costs[2] = np.inf
+    assert assign(island_map(), robots[:3], ISLANDS, costs[:3], RrtParams())[2] == UNASSIGNED
+    assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], RrtParams()).tolist() == [UNASSIGNED] * 4
 
 
 def test_the_filter_keeps_few_points_and_drops_stale_ones():
@@ -288,18 +257,18 @@ def steered(grid, num_steps, **params):
     return twists, np.array(targets)
 
 
-def test_a_robot_that_gets_points_again_during_its_drive_keeps_the_best_one():
-    grid = with_small_frontiers((3.0, 0.0), (-3.8, 0.0))
-    for params in ({}, {"period": 0.1}):
-        _, targets = steered(grid, 15, **params)
-        assert (np.hypot(*(targets - (3.0, 0.0)).T) < 0.6).all()
-
-
-def test_a_turn_counts_as_path_length():
-    grid = with_small_frontiers((3.0, 0.0), (-2.6, 0.0))
-    for params, x in (({}, -2.6), ({"turn_cost": 1.0}, 3.0)):
-        _, targets = steered(grid, 15, period=0.1, **params)
-        assert np.hypot(*(targets[-1] - (x, 0.0))) < 0.6
+@pytest.mark.parametrize(
+    ("other", "params", "x"),
+    [
+        ((-3.8, 0.0), {}, 3.0),
+        ((-3.8, 0.0), {"period": 0.1}, 3.0),  # the robot gets points again during its drive
+        ((-2.6, 0.0), {"period": 0.1}, -2.6),
+        ((-2.6, 0.0), {"period": 0.1, "turn_cost": 1.0}, 3.0),
+    ],
+)
+def test_the_best_point_is_kept_and_a_turn_counts_as_path_length(other, params, x):
+    _, targets = steered(with_small_frontiers((3.0, 0.0), other), 15, **params)
+    assert (np.hypot(*(targets - (x, 0.0)).T) < 0.6).all()
 
 
 def test_with_pursuit_a_robot_does_not_stop_to_turn():
@@ -309,14 +278,16 @@ def test_with_pursuit_a_robot_does_not_stop_to_turn():
     assert min(speeds[1]) > 0.1 * BURGER.max_v
 
 
-def test_revenue_by_unknown_area_in_view_is_per_path_cost():
-    params = RrtParams(view_radius=1.0)
-    # The islands are in full view: 1 m2 at 4 m, 0.25 m2 at 2 m, and the latter at 6.1 m.
-    robots = np.array([[6.0, 2.0]])
-    costs = distances(robots, ISLANDS)
-    gains = np.array([1.0, 0.25, 0.25]) / (costs[0] + 0.3)
-    assert gains.argmax() == 0
-    assert assign(island_map(), robots, ISLANDS, costs, params).tolist() == [0]
-    assert assign(island_map(), robots, ISLANDS, np.array([[4.0, 0.7, 6.1]]), params).tolist() == [1]
-    assert assign(island_map(), robots, ISLANDS, np.array([[np.inf, np.inf, 6.1]]), params).tolist() == [2]
-    assert assign(island_map(), robots, ISLANDS, np.full((1, 3), np.inf), params).tolist() == [UNASSIGNED]
+@pytest.mark.parametrize(
+    ("costs", "best"),
+    [
+        # The islands are in full view: 1 m2 at 4 m, 0.25 m2 at 2 m, and the latter at 6.1 m.
+        ((4.0, 2.0, 6.1), 0),
+        ((4.0, 0.7, 6.1), 1),
+        ((np.inf, np.inf, 6.1), 2),
+        ((np.inf, np.inf, np.inf), UNASSIGNED),
+    ],
+)
+def test_revenue_by_unknown_area_in_view_is_per_path_cost(costs, best):
+    robots, params = np.array([[6.0, 2.0]]), RrtParams(view_radius=1.0)
+    assert assign(island_map(), robots, ISLANDS, np.array([costs]), params).tolist() == [best]
