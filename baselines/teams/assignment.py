@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarnaut.baselines.frontier.rule_explorer import FrontierRule
 from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, cover, path_lengths
-from lidarnaut.baselines.teams.tours import min_max_tours
+from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates, GainOverCost
 from lidarnaut.envs.navigation.teams.team_navigator import UNASSIGNED, discount
@@ -21,6 +21,9 @@ WORK_PER_AREA = 0.3
 """Cost of exploring the unknown area visible from a tour stop, expressed as path length [m/m2]."""
 STOP_HYSTERESIS = 6.0
 """Length subtracted from the path to a robot's current stop, against oscillation between stops [m]."""
+SUM_WEIGHT = 0.1
+"""Weight of the sum of all tours, added to the longest tour."""
+MAX_ROUNDS = 20
 
 
 class Assignment(Protocol):
@@ -59,6 +62,68 @@ class Auction:
             for candidates in offers:
                 discount(candidates, offers[winner]["frontier"][chosen[winner]])
         return chosen
+
+
+@njit(cache=True, error_model="numpy")
+def _length(start, between, work, tour):
+    total = 0.0
+    for k in range((tour >= 0).sum()):
+        total += work[tour[k]] + (between[tour[k - 1], tour[k]] if k > 0 else start[tour[0]])
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _insert(starts, between, work, tours, totals, stop):
+    best, best_tour, best_total, best_robot = np.inf, tours[0], 0.0, 0
+    for robot in range(len(tours)):
+        tour = tours[robot].copy()
+        size = (tour >= 0).sum()
+        others = totals.sum() - totals[robot]
+        longest = 0.0
+        for k in range(len(totals)):
+            longest = max(longest, totals[k] if k != robot else 0.0)
+        for position in range(size, -1, -1):
+            if position < size:
+                tour[position + 1] = tour[position]
+            tour[position] = stop
+            total = _length(starts[robot], between, work, tour)
+            value = max(longest, total) + SUM_WEIGHT * (others + total)
+            if value < best:
+                best, best_tour, best_total, best_robot = value, tour.copy(), total, robot
+    tours[best_robot], totals[best_robot] = best_tour, best_total
+    return best
+
+
+@njit(cache=True, error_model="numpy")
+def min_max_tours(starts, between, work):
+    """Distribute m stops over n robots such that the longest tour is short.
+
+    `starts`: path lengths from robots to stops [m], shape (n, m). `between`: path lengths between stops [m], shape (m,
+    m), symmetric. `work`: additional cost of each stop [m], shape (m,). All are float64.
+
+    Returns:
+        Stop indices on the tour of each robot, in order, then -1: shape (n, m), int64.
+    """
+    num, count = starts.shape
+    tours, totals = np.full((num, count), -1, dtype=np.int64), np.zeros(num)
+    nearest = np.array([starts[:, stop].min() for stop in range(count)])
+    value = 0.0
+    for stop in np.argsort(-nearest):
+        value = _insert(starts, between, work, tours, totals, stop)
+    for _ in range(MAX_ROUNDS):
+        before = value
+        for stop in range(count):
+            for robot in range(num):
+                tour = tours[robot]
+                if (tour == stop).any():
+                    tour[:-1] = tour[tour != stop]
+                    tour[-1] = -1
+                    totals[robot] = _length(starts[robot], between, work, tour)
+                    break
+            value = _insert(starts, between, work, tours, totals, stop)
+        if value >= before - 1e-9:
+            break
+    return tours
 
 
 class MinMaxTours:
