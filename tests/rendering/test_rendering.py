@@ -205,46 +205,40 @@ def in_map_frame(*points):
     return START.inverse().transform(np.array(points, dtype=float))
 
 
-def test_predicted_floor_and_the_tour_are_drawn_where_they_are(renderer):
-    scene = make_scene()
-    plain = renderer.draw(scene)
-    sure, unsure = in_map_frame((3.0, 5.0), (3.0, 2.0))
-    predicted, tour = np.array([[*sure, 1.0], [*unsure, 0.5]]), in_map_frame((4.0, 1.0), (4.0, 4.0))
-    scene.markers = Markers(predicted=predicted, side=0.4, tour=tour)
-    drawn = renderer.draw(scene)
-    truth, belief = panels(drawn)
-    np.testing.assert_array_equal(truth, panels(plain)[0])
-    yellow = found(belief, style.PREDICTED)
-    assert np.hypot(*(yellow - (3.0, 5.0)).T).max() == pytest.approx(0.2, abs=0.06)
-    mixed = tuple(round(0.5 * (a + b)) for a, b in zip(style.PREDICTED, style.FREE, strict=True))
-    assert np.hypot(*(found(belief, mixed) - (3.0, 2.0)).T).min() < 0.1
-    line = found(belief, style.TOUR)
-    assert np.abs(line[:, 0] - 4.0).max() < 0.06
-    assert (line[:, 1].min(), line[:, 1].max()) == pytest.approx((1.0, 4.0), abs=0.1)
+TREES = Markers(
+    clusters=in_map_frame((3.0, 5.0)),
+    chosen=in_map_frame((5.5, 5.2)),
+    points=in_map_frame((1.5, 0.5)),
+    trees=[in_map_frame((2.5, 1.0), (2.5, 5.5))[None], in_map_frame((4.8, 3.5), (5.6, 3.5))[None], np.empty((0, 2, 2))],
+)
+FLOOR = Markers(
+    predicted=np.column_stack([in_map_frame((3.0, 5.0), (3.0, 2.0)), [1.0, 0.5]]),
+    side=0.4,
+    tour=in_map_frame((4.0, 1.0), (4.0, 4.0)),
+)
+MIXED = tuple(round(0.5 * (a + b)) for a, b in zip(style.PREDICTED, style.FREE, strict=True))
 
 
-def test_markers_are_drawn_where_they_are(renderer):
+@pytest.mark.parametrize(
+    ("markers", "places"),
+    [
+        (TREES, {style.GLOBAL_TREE: [(2.5, 1.0), (2.5, 3.0), (2.5, 5.5)], style.LOCAL_TREE: [(1.5, 0.5), (5.2, 3.5)]}),
+        (TREES, {style.FRONTIER: [(3.2, 5.0)], style.PLAN: [(5.5, 5.2)]}),
+        (FLOOR, {style.PREDICTED: [(3.0, 5.0), (3.0, 5.15)], MIXED: [(3.0, 2.0)], style.TOUR: [(4.0, 1.0), (4.0, 4.0)]}),
+    ],
+)
+def test_markers_are_drawn_where_they_are(renderer, markers, places):
     scene = make_scene()
     plain = renderer.draw(scene)
-    branch, local = in_map_frame((2.5, 1.0), (2.5, 5.5)), in_map_frame((4.8, 3.5), (5.6, 3.5))
-    scene.markers = Markers(
-        clusters=in_map_frame((3.0, 5.0)),
-        chosen=in_map_frame((5.5, 5.2)),
-        points=in_map_frame((1.5, 0.5)),
-        trees=[branch[None], local[None], np.empty((0, 2, 2))],
-    )
+    scene.markers = markers
     drawn = renderer.draw(scene)
-    truth, belief = panels(drawn)
-    np.testing.assert_array_equal(truth, panels(plain)[0])
-    line = found(belief, style.GLOBAL_TREE)
-    assert np.abs(line[:, 0] - 2.5).max() < 0.06
-    assert (line[:, 1].min(), line[:, 1].max()) == pytest.approx((1.0, 5.5), abs=0.1)
-    orange = found(belief, style.LOCAL_TREE)
-    assert np.hypot(*(orange - (1.5, 0.5)).T).min() < 0.06
-    assert (np.abs(orange - (5.2, 3.5)).max(axis=1) < 0.06).any()
-    assert np.hypot(*(found(belief, style.FRONTIER) - (3.0, 5.0)).T).min() < 0.15
-    assert np.hypot(*(found(belief, style.PLAN) - (5.5, 5.2)).T).min() < 0.05
-    assert np.hypot(*(found(panels(plain)[1], style.PLAN) - (5.5, 5.2)).T).min() > 0.5
+    (truth, before), (same, after) = panels(plain), panels(drawn)
+    np.testing.assert_array_equal(truth, same)
+    for colour, points in places.items():
+        for point in points:
+            gaps = (np.hypot(*(found(panel, colour) - point).T).min(initial=9.0) for panel in (before, after))
+            assert next(gaps) > 0.3
+            assert next(gaps) < 0.15
     legend = np.any(drawn != plain, axis=2)[80:104, 648:1264]
     assert legend.any(axis=0).sum() > 200
     scene.pose_graph = PoseGraphView(PoseGraph().arrays)  # a second row
@@ -257,18 +251,16 @@ def test_tested_poses_are_magnified_and_coloured_by_their_cost(renderer):
     away = rng.uniform(-0.01, 0.01, (400, 2))
     around = START.between(ESTIMATED)
     costs = np.hypot(*away.T) * 1000
-    scene.tested = np.column_stack([around.x + away[:, 0], around.y + away[:, 1], np.full(400, around.theta), costs])
+    scene.tested = np.column_stack([away + around[:2], np.full(400, around.theta), costs])
     inset = renderer.draw(scene)[116:276, 656:816]
-    gaps = []
-    for colour in style.COSTS:
-        rows, columns = np.nonzero(np.abs(inset.astype(int) - colour).max(axis=2) < 5)
-        gaps.append(np.hypot(rows - 80, columns - 80).mean())
+    cells = [np.argwhere(np.abs(inset.astype(int) - colour).max(axis=2) < 5) for colour in style.COSTS]
+    gaps = [np.hypot(*(own - 80).T).mean() for own in cells]
     assert gaps == sorted(gaps)
     assert 15 < gaps[0] < gaps[-1] - 20
-    scene.tested = scene.tested[:1]  # a single pose
-    assert (renderer.draw(scene)[116:276, 656:816] == style.COSTS[0]).all(axis=2).any()
-    scene.tested = np.empty((0, 4))  # none since the first scan
-    renderer.draw(scene)
+    for count in (1, 0):  # a single pose; none since the first scan
+        scene.tested = scene.tested[:count]
+        drawn = renderer.draw(scene)[116:276, 656:816]
+        assert (drawn == style.COSTS[0]).all(axis=2).any() == (count > 0)
 
 
 def test_a_pixel_of_the_map_panel_is_a_point_of_the_world():
