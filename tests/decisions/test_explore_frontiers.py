@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from lidarnaut.agents.frontiers.score import FrontierScore
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.decisions.abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
@@ -179,13 +178,6 @@ def test_nothing_left_to_reach_terminates():
     assert info["explored_fraction"] > 0.95
     assert info["area_left"] > 0.0
     assert "map_iou" in info
-
-
-def test_a_simple_rule_explores_a_house():
-    env = ExploreFrontiersEnv(world="turtlebot3_house", physics="kinematic")
-    *_, (_, _, _, _, info) = explore(env, 0, 2000, rule=FrontierScore())
-    assert info["explored_fraction"] >= 0.95
-    assert info["collisions"] == 0
 
 
 LARGER = {**QUICK, "world_size": (8.0, 8.0), "target_coverage": 0.95}

@@ -68,8 +68,8 @@ def test_a_wedged_robot_stays_where_it_is():
 
 
 @pytest.mark.parametrize("command", [(math.nan, 0.0), (0.1, math.inf)])
-def test_commands_that_are_no_numbers_are_refused(physics, command):
-    simulator = begin(physics, BURGER, PLAIN, ORIGIN)
+def test_commands_that_are_no_numbers_are_refused(command):
+    simulator = begin("kinematic", BURGER, PLAIN, ORIGIN)
     before = simulator.states[0]
     with pytest.raises(ValueError, match=r"command must be finite, got v = .* w = (inf|0\.0)"):
         simulator.step([Twist(*command)])
@@ -105,17 +105,12 @@ def test_simulators_that_cannot_be_made_are_refused(physics, max_v, period, comp
         make_simulator(physics, replace(BURGER, max_v=max_v), period)
 
 
-@pytest.mark.parametrize("cause", ["ImportError('no libstdc++')", "SystemError('built for NumPy 1')"])
+@pytest.mark.parametrize("cause", ["ModuleNotFoundError('no pybullet')", "SystemError('built for NumPy 1')"])
 def test_a_pybullet_that_does_not_import_is_reported_with_its_cause_and_a_remedy(cause, monkeypatch, tmp_path):
     (tmp_path / "pybullet.py").write_text(f"raise {cause}")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "pybullet", raising=False)
-    with pytest.raises(ImportError, match=r"cannot be imported \((no libstdc|built for NumPy 1).*'kinematic'"):
-        make_simulator("bullet", BURGER, 0.1)
-
-
-def test_where_pybullet_is_missing_the_error_helps(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pybullet", None)
-    with pytest.raises(ImportError, match=r"pip install pybullet-arm64.*g\+\+, .*'kinematic'"):
+    said = r"cannot be imported \((no pybullet|built for NumPy 1).*pip install pybullet-arm64.*g\+\+, .*'kinematic'"
+    with pytest.raises(ImportError, match=said):
         make_simulator("bullet", BURGER, 0.1)
     make_simulator("kinematic", BURGER, 0.1)

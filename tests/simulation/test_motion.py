@@ -54,30 +54,6 @@ def test_straight_on_and_on_the_spot(physics, name):
         assert math.hypot(end.x, end.y) < 0.01
 
 
-def test_acceleration_is_limited(physics):
-    robot = without_slip(load_robot("turtlebot3_waffle_pi"))
-    simulator = begin(physics, robot, PLAIN, ORIGIN)
-    change = 0.1 * robot.max_acc_v
-    for v, steps, expected in ((9.0, 1, change), (9.0, 9, robot.max_v), (-9.0, 1, robot.max_v - change)):
-        for _ in range(steps):
-            simulator.step([Twist(v, 0.0)])
-        assert simulator.states[0].twist.v == pytest.approx(expected, rel=0.02)
-
-
-@pytest.mark.parametrize("name", ["turtlebot3_burger", "raspimouse", "tugbot_original"])
-def test_odometry_errs_as_documented(physics, name):
-    robot = by_wheels(without_slip(load_robot(name)))
-    simulator = make_simulator(physics, robot, 0.1)
-    commands = Twist(robot.max_v, 0.0), Twist(0.0, 0.5 * robot.max_w)
-    for axis, command, gain in zip(("x", "theta"), commands, gains(robot)):
-        simulator.reset(PLAIN, [ORIGIN], [np.random.default_rng(0)])
-        measured = true = 0.0
-        for truth, reading in motions(simulator, command, 50):
-            measured += getattr(reading.motion, axis)
-            true += getattr(truth, axis)
-        assert true / measured == pytest.approx(gain, rel=0.01)
-
-
 def test_slip_spreads_as_stated(physics):
     """Over d metres a wheel slips with standard deviation slip_std * sqrt(d), which encoders do not measure."""
     robot = by_wheels(replace(BURGER, drive=replace(BURGER.drive, slip_std=0.02)))

@@ -76,19 +76,6 @@ def test_deskewed_scans_equal_those_of_all_beams_at_once(physics, period):
     np.testing.assert_allclose(scans[0], exact[0], rtol=1e-5)  # at rest
 
 
-def test_a_robot_with_a_lidar_that_spins_maps_as_well():
-    errors = {}
-    for time in (0.0, SCAN_TIME):
-        robot = replace(BURGER, lidar=replace(BURGER.lidar, scan_time=time))
-        env = gymnasium.make("lidarnaut/Explore-v0", robot=robot, world="turtlebot3_world", physics="kinematic")
-        env.reset(seed=1)
-        for k in range(120):
-            *_, info = env.step(np.array([0.6, 0.9 * math.sin(0.15 * k)], dtype=np.float32))
-        errors[time] = info["pose_error"][0], info["explored_area"]
-    assert errors[SCAN_TIME][0] < errors[0.0][0] + 0.02
-    assert errors[SCAN_TIME][1] > 0.97 * errors[0.0][1]
-
-
 def test_vector_environments_step_it_as_single_ones():
     robot = replace(BURGER, lidar=replace(BURGER.lidar, scan_time=SCAN_TIME))
     arguments = {"world": "turtlebot3_world", "robot": robot, "physics": "kinematic", "people": 2}
@@ -100,9 +87,3 @@ def test_vector_environments_step_it_as_single_ones():
         both = [vector.step(np.stack([action, action]))[0], single.step(action)[0]]
     for name in both[1]:
         np.testing.assert_array_equal(both[0][name][0], both[1][name])
-
-
-@pytest.mark.parametrize("time", [-0.1, 1.1, math.nan, "fast"])
-def test_times_that_make_no_sense_are_refused(time):
-    with pytest.raises(ValueError, match="scan_time"):
-        replace(LIDAR, scan_time=time)

@@ -74,11 +74,11 @@ def test_without_expected_floor_the_nearest_frontier_is_chosen():
 
 def test_robots_that_expect_floor_everywhere_explore_a_world_with_one_seed_one_episode():
     def explore():
-        env = LidarEnv(Explore, world="rooms", world_size=(8.0, 8.0), physics="kinematic", target_coverage=0.9)
+        env = LidarEnv(Explore, world="rooms", world_size=(8.0, 8.0), physics="kinematic", target_coverage=0.6)
         episode = run_episode(env, PursuitDriving(ExpectedTour(predict_boxes(ALL)), max_time=1.0), 2)
         env.close()
         return episode
 
     first, again = explore(), explore()
-    assert first.explored_fraction >= 0.9
+    assert first.explored_fraction >= 0.6
     assert first.duration == again.duration

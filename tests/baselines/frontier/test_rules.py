@@ -10,7 +10,6 @@ from lidarnaut.baselines.frontier.rules import ExploreLite, GainOverCostExplorer
 from lidarnaut.baselines.frontier.tour import TourParams
 from lidarnaut.baselines.frontier.utility import FrontierParams
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.tasks.explore import Explore
@@ -54,20 +53,6 @@ def test_same_seed_same_episode(name):
     first, second = (explore(name, 3, **ROOMS, time_limit=8.0).history for _ in range(2))
     for measured in ("time", "path_length", "explored_fraction"):
         np.testing.assert_array_equal(first.of(measured), second.of(measured))
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_rules_choose_at_decision_level_too(name):
-    env = ExploreFrontiersEnv(world="turtlebot3_world", physics="kinematic", start="spawn")
-    explorer = make_policy(name)
-    env.reset(seed=0)
-    if hasattr(explorer.rule, "reset"):
-        explorer.rule.reset(env.robot_params, np.random.default_rng(0))
-    for _ in range(3):
-        choice = explorer.rule(env.candidates, env.belief).argmax()
-        *_, info = env.step(np.int64(choice))
-        assert info["action"] == choice
-    assert info["explored_area"] > 5.0
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -52,13 +52,6 @@ def test_the_line_is_the_smallest_change_to_the_edge_of_the_velocity_obstacle():
         assert least_gap(away, outward, reach, horizon) > 0.0
 
 
-def test_each_of_two_does_half():
-    line = line_of((2.0, 0.1), (1.0, 0.0), (-1.0, 0.0), 0.6, 5.0, 0.1, 1.0)
-    half = line_of((2.0, 0.1), (1.0, 0.0), (-1.0, 0.0), 0.6, 5.0, 0.1, 0.5)
-    np.testing.assert_allclose(half[2:], line[2:])
-    np.testing.assert_allclose(half[:2], 0.5 * (line[:2] + (1.0, 0.0)))
-
-
 def test_who_overlaps_parts_within_the_step():
     line = line_of((0.5, 0.0), (0.0, 0.0), (0.0, 0.0), 0.6, 5.0, 0.1, 1.0)
     np.testing.assert_allclose(line, (-1.0, 0.0, 0.0, 1.0), atol=1e-12)

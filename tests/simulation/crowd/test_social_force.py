@@ -10,8 +10,7 @@ from lidarnaut.envs.simulation.crowd import person_row as at
 from lidarnaut.envs.simulation.crowd.overlaps import resolve_overlaps
 from lidarnaut.envs.simulation.crowd.social_force import SocialForce
 from lidarnaut.envs.simulation.crowd.walls import list_walls, near_list
-from tests.crowds import CYLINDERS, begin, walk
-from tests.rooms import make_room
+from tests.crowds import CYLINDERS, begin
 
 
 def reference(people, directions, robots, walls, model):
@@ -123,23 +122,3 @@ def test_speed_falls_with_density_as_measured():
         measured = 1.34 * (1.0 - math.exp(-1.913 * (1.0 / density - 1.0 / 5.4)))
         assert speeds[-1] == pytest.approx(measured, abs=0.15), density
     assert np.all(np.diff(speeds) < -0.1)
-
-
-def lane_order(rows):
-    """Rex and Loewen, "Influence of hydrodynamic interactions on lane formation" (2008): mean of ((n - m) / (n + m))^2.
-
-    Of the people at most 0.5 m to the side of a person's line, n walk in the same direction, and m in the opposite one.
-    """
-    beside = np.abs(rows[:, at.Y, None] - rows[:, at.Y]) < 0.5
-    same = (beside & (rows[:, at.GOAL, None] == rows[:, at.GOAL])).sum(axis=1)
-    total = beside.sum(axis=1)
-    return np.mean(((2 * same - total) / total) ** 2)
-
-
-def test_lanes_form_in_a_corridor():
-    corridor = make_room(-15, -2.5, 15, 2.5)
-    crowd = Crowd(number=40, flow="along", radius=(0.2, 0.2))
-    for seed in range(3):
-        people = begin(corridor, crowd, seed)
-        assert lane_order(people.rows) < 0.2
-        assert np.mean([lane_order(rows) for rows in walk(people, 600)[200:]]) > 0.35
