@@ -224,7 +224,10 @@ MIXED = tuple(round(0.5 * (a + b)) for a, b in zip(style.PREDICTED, style.FREE, 
     [
         (TREES, {style.GLOBAL_TREE: [(2.5, 1.0), (2.5, 3.0), (2.5, 5.5)], style.LOCAL_TREE: [(1.5, 0.5), (5.2, 3.5)]}),
         (TREES, {style.FRONTIER: [(3.2, 5.0)], style.PLAN: [(5.5, 5.2)]}),
-        (FLOOR, {style.PREDICTED: [(3.0, 5.0), (3.0, 5.15)], MIXED: [(3.0, 2.0)], style.TOUR: [(4.0, 1.0), (4.0, 4.0)]}),
+        (
+            FLOOR,
+            {style.PREDICTED: [(3.0, 5.0), (3.0, 5.15)], MIXED: [(3.0, 2.0)], style.TOUR: [(4.0, 1.0), (4.0, 4.0)]},
+        ),
     ],
 )
 def test_markers_are_drawn_where_they_are(renderer, markers, places):

@@ -45,11 +45,6 @@ def test_gyroscopes_biases_and_lidars_are_as_documented():
     for robot in map(load_robot, set(ROBOT_NAMES) - {"raspimouse", "tugbot_original"}):
         assert robot.odometry.track == robot.drive.track
         assert robot.odometry.wheel_radius == robot.drive.wheel_radius
-    burger, tugbot, scanner = (load_robot(name).lidar for name in ("turtlebot3_burger", "tugbot", "mpo_500"))
-    limits = [(lidar.range_min, lidar.range_max) for lidar in (burger, tugbot, scanner)]
-    assert limits == [(0.12, 3.5), (0.6, 10.0), (0.5, 50.0)]
-    assert tugbot.num_beams == 360
-    assert (math.degrees(scanner.fov), math.degrees(scanner.angle_increment)) == pytest.approx((270, 0.25))
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)

@@ -1,7 +1,6 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
 
 from lidarnaut.baselines.oracle.cover_planner import CoverPlanner
 from lidarnaut.baselines.oracle.cover_viewpoints import find_viewpoints, pack_bits, views_from
@@ -47,17 +46,6 @@ def seen_from(planner, point):
     return seen
 
 
-def planned(world, target=1.0):
-    """Plan a tour from the spawn, after a first scan; return its stops and its length without turns."""
-    planner, (x, y, _) = planner_for(world, target), world.spawns[0]
-    assert planner.plan(x, y, seen_from(planner, (x, y)), 60)
-    points = np.array([(x, y), *planner.viewpoints.points[planner.stops]])
-    lengths, _ = planner.viewpoints.paths_from(x, y)
-    length = lengths[planner.stops[0]] if planner.stops else 0.0
-    length += sum(planner.viewpoints.lengths[a, b] for a, b in pairwise(planner.stops))
-    return points[1:], length
-
-
 def test_views_equal_a_look_along_every_line():
     rng = np.random.default_rng(0)
     free = rng.random((50, 60)) < 0.93
@@ -100,30 +88,6 @@ def test_viewpoints_are_spread_evenly_and_paths_lead_around_walls_through_those_
         steps = [viewpoints.lengths[a, b] for a, b in pairwise(chain)]
         assert sum(steps) <= 1.15 * viewpoints.lengths[origin, last] + 0.2
         assert max(steps, default=0.0) < 1.6
-
-
-@pytest.mark.parametrize(
-    ("start", "target", "first", "last", "expected", "within"),
-    [
-        # The shorter end comes first. From 3.35 m before an end the lidar sees both of its corners.
-        (8.0, 1.0, 3.35, 16.65, 2 * 4.65 + 8.65, (0.4, 0.8)),
-        # 80 % are enough: the last 4 m of the longer end stay unseen.
-        (3.0, 0.8, 12.6, 12.6, 9.6, (0.5, 0.6)),
-    ],
-)
-def test_a_corridor_is_toured_by_the_shortest_path_that_sees_enough(start, target, first, last, expected, within):
-    stops, length = planned(corridor(start), target)
-    assert stops[[0, -1], 0] == pytest.approx([first, last], abs=within[0])
-    assert length == pytest.approx(expected, abs=within[1])
-
-
-def test_the_longest_arm_of_a_cross_comes_last():
-    # Arms of 6 m and, upwards, 10 m, all 2 m wide.
-    right_and_up = [(1, -1), (7, -1), (7, 1), (1, 1), (1, 11), (-1, 11)]
-    left_and_down = [(-1, 1), (-7, 1), (-7, -1), (-1, -1), (-1, -7), (1, -7)]
-    stops, length = planned(world_of(*right_and_up, *left_and_down, start=(0.0, 0.0)))
-    assert stops[-1, 1] > 7.0
-    assert length == pytest.approx(2 * 3 * 3.65 + 7.65, abs=2.0)
 
 
 def test_a_viewpoint_that_is_used_up_is_no_stop_again():

@@ -20,32 +20,21 @@ def rooms():
     return OccupancyGrid(data, 0.05, (-1.0, -2.6))
 
 
-def checked_slowly(data, start, end):
-    """Sample the line densely; the first cell after the start cell that is not free decides."""
-    points = np.linspace(start, end, 20001)
-    cells = np.floor(points).astype(int)
-    cols, rows = cells[(cells != cells[0]).any(axis=1)].T
-    inside = (rows >= 0) & (rows < data.shape[0]) & (cols >= 0) & (cols < data.shape[1])
-    values = np.where(inside, data[np.where(inside, rows, 0), np.where(inside, cols, 0)], -1)
-    stops = np.flatnonzero((values < 0) | (values >= 50))
-    if len(stops) == 0:
-        return CLEAR, tuple(end)
-    first = stops[0]
-    return UNKNOWN_AHEAD if values[first] < 0 else BLOCKED, (cols[first] + 0.5, rows[first] + 0.5)
-
-
-def test_grid_check_equals_dense_sampling():
-    rng = np.random.default_rng(0)
-    verdicts = []
-    for _ in range(300):
-        data = rng.choice(np.array([0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, -1, 100], dtype=np.int8), size=(12, 15))
-        start, end = rng.uniform(0, (15, 12)), rng.uniform(0, (15, 12))
-        verdict, *where = grid_check(data, *start, *end)
-        expected, place = checked_slowly(data, start, end)
-        assert verdict == expected
-        np.testing.assert_allclose(where, place)
-        verdicts.append(verdict)
-    assert min(verdicts.count(v) for v in (UNKNOWN_AHEAD, BLOCKED, CLEAR)) > 30
+@pytest.mark.parametrize(
+    ("start", "end", "expected"),
+    [
+        ((0.5, 0.5), (2.5, 0.7), (CLEAR, 2.5, 0.7)),
+        ((0.5, 0.5), (6.5, 0.5), (BLOCKED, 3.5, 0.5)),
+        ((3.5, 0.5), (6.5, 0.5), (UNKNOWN_AHEAD, 5.5, 0.5)),  # a new obstacle at the start blocks nothing
+        ((6.5, 0.5), (0.5, 0.5), (UNKNOWN_AHEAD, 5.5, 0.5)),
+        ((0.5, 0.5), (0.5, -3.5), (UNKNOWN_AHEAD, 0.5, -0.5)),  # outside of the map
+        ((0.2, 0.9), (2.9, 3.6), (BLOCKED, 2.5, 2.5)),
+    ],
+)
+def test_the_first_cell_on_a_line_that_is_not_free_decides(start, end, expected):
+    data = np.zeros((4, 7), dtype=np.int8)
+    data[0, 3], data[0, 4], data[0, 5], data[2, 2] = 100, 49, -1, 50
+    assert grid_check(data, *start, *end) == expected
 
 
 def test_nearest_equals_a_search_of_all_distances():
