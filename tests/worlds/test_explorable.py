@@ -3,12 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from lidarnaut.baselines import EXPLORERS
-from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import load_robot
-from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.worlds import World, explorable_area, rasterize
 
@@ -65,8 +62,3 @@ def test_rooms_have_time_by_their_area_and_rings_of_narrow_corridors_by_their_le
     assert room.usual_time_limit(0.22) == 120.0 + 10.0 * round(0.2 * room.area / 0.22)
     assert narrow.usual_time_limit(0.22) == pytest.approx(60.0 + 60.0 / (0.4 * 0.22), rel=0.07)
     assert narrow.usual_time_limit(0.44) < narrow.usual_time_limit(0.22)
-
-
-def test_there_is_time_for_a_ring_of_narrow_corridors():
-    env = LidarEnv(Explore, world=ring(0.5, 60.0), physics="kinematic", slam="truth", start="spawn")
-    assert run_episode(env, EXPLORERS["nearest"](), 0).explored_fraction > 0.95

@@ -44,10 +44,9 @@ def test_it_drives_no_farther_than_it_must(world, start, length):
     assert episode.path_length == length
 
 
-@pytest.mark.parametrize(("world", "seed", "slam"), [("maze", 1, "tinyslam"), ("rooms", 2, "truth")])
-def test_its_path_is_shorter_than_that_of_an_explorer_without_the_map(world, seed, slam):
+def test_its_path_is_shorter_than_that_of_an_explorer_without_the_map():
     explorers = OracleExplorer(), NearestExplorer()
-    oracle, nearest = (explore(one, world, seed, slam, world_size=(8.0, 8.0)) for one in explorers)
+    oracle, nearest = (explore(one, "maze", 1, "tinyslam", world_size=(8.0, 8.0)) for one in explorers)
     assert oracle.success
     assert oracle.distance_to_95 < 0.9 * nearest.distance_to_95
     assert oracle.time_to_99 < 0.9 * nearest.time_to_99

@@ -86,11 +86,11 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
 
 
 def test_a_team_of_one_explores_as_the_single_explorer_does():
-    kwargs = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic"}
+    kwargs = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "time_limit": 30.0}
     env, team_env = LidarEnv(Explore, **kwargs), LidarEnv(ExploreTeam, **kwargs, num_robots=1)
     params = RrtParams(patience=30)
     alone, team = run_episode(env, RrtExplorer(params), 3), run_episode(team_env, RrtTeam(params), 3)
-    assert (team.duration, team.path_length) == (alone.duration, alone.path_length)
+    assert team.path_length == alone.path_length > 1.0
 
 
 def test_two_robots_explore_a_small_world_without_touching():

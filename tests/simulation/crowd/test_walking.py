@@ -60,17 +60,6 @@ def test_attentive_people_give_way_to_robots_and_blind_people_do_not(model, atte
         np.testing.assert_array_equal(alone[:first], beside[:first])
 
 
-def test_who_walks_into_a_robot_stops_there(model):
-    corridor = make_room(-5, -0.4, 5, 0.4)
-    crowd = Crowd(number=1, model=model, attentive=0.0, flow="along")
-    robots = robots_at_poses((0.0, 0.0, 0.0, 0.0))
-    rows = walk(begin(corridor, crowd, poses=[(0.0, 0.0, 0.0)]), 400, robots)
-    gaps = np.hypot(rows[:, 0, at.X], rows[:, 0, at.Y]) - 0.6
-    assert gaps.min() > -1e-9
-    assert gaps[rows[:, 0, at.BLOCKED] > 0.0].max() < 0.15
-    assert rows[:, 0, at.TRIP].max() >= 4.0  # it turns round after some seconds
-
-
 def test_standing_people_stand_and_others_walk_around_them(model):
     people = begin(CORRIDOR, Crowd(number=8, model=model, standing=0.4, flow="along"), seed=2)
     stands = people.rows[:, at.KIND] == at.STANDING
