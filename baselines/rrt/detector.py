@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
-from lidarnaut.baselines.rrt.trees import Tree
+from lidarnaut.baselines.rrt.trees import SPACING, Tree
 from lidarnaut.envs.compilation import njit
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import crop_to_known
@@ -20,9 +20,8 @@ from lidarnaut.envs.navigation.frontiers.frontiers import information_gain
 MAX_ITERATIONS = 300
 TOLERANCE = 1e-3
 """Mean-shift step at convergence, as a fraction of the bandwidth."""
-NUM_SAMPLES, SPACING, MARGIN = 200, 0.3, 1.0
-"""Number of random samples per tree and control step, minimum distance of a new vertex from the nearest vertex of a
-tree [m], and margin of the sampling region around the observed area [m]."""
+NUM_SAMPLES, MARGIN = 200, 1.0
+"""Random samples per tree and control step, and margin of the sampling region around the observed area [m]."""
 StepLength = Annotated[float, Field(ge=SPACING)]
 
 
@@ -132,8 +131,8 @@ class RrtDetector:
         """
         params = self._params
         if not self.trees:
-            self.trees = [Tree(robot, eta=params.eta_local, spacing=SPACING, resets=True) for robot in robots]
-            self.trees.append(Tree(robots[0], eta=params.eta_global, spacing=SPACING, resets=False))
+            self.trees = [Tree(robot, eta=params.eta_local, resets=True) for robot in robots]
+            self.trees.append(Tree(robots[0], eta=params.eta_global, resets=False))
         x0, y0, x1, y1 = crop_to_known(grid).bounds
         low, high = np.array([x0, y0]) - MARGIN, np.array([x1, y1]) + MARGIN
         found = [

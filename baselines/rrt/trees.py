@@ -12,6 +12,8 @@ from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from lidarnaut.envs.navigation.maps.costmap import OCCUPIED_FROM
 
+SPACING = 0.3
+"""Minimum distance of a new vertex from the nearest vertex of a tree [m]."""
 UNKNOWN_AHEAD, BLOCKED, CLEAR = -1, 0, 1
 """Results of checking cells along a line: unknown first, obstacle first, or all free."""
 
@@ -105,8 +107,8 @@ def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
 class Tree:
     """Random tree that grows through free space. Steps into unknown space yield frontier points."""
 
-    def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
-        self._eta, self._spacing, self._resets = eta, spacing, resets
+    def __init__(self, root: tuple[float, float], *, eta: float, resets: bool) -> None:
+        self._eta, self._resets = eta, resets
         self.vertices = np.array([root], dtype=np.float64)
         """Positions of the tree's vertices, root first, shape (n, 2), float64, map frame [m]."""
 
@@ -127,7 +129,7 @@ class Tree:
         vertices = np.empty((2, count + len(samples)), dtype=np.float32)
         vertices[:, :count] = ((self.vertices - origin) / scale).T
         u, v = ((np.array(robot) - origin) / scale).tolist()
-        lengths, found = (self._eta / scale, self._spacing / scale), np.empty((len(samples), 2))
+        lengths, found = (self._eta / scale, SPACING / scale), np.empty((len(samples), 2))
         cells = (samples - origin) / scale
         count, num_found = grow(grid.data, cells, *lengths, self._resets, (u, v), vertices, count, found)
         self.vertices = vertices[:, :count].T * np.float64(scale) + origin

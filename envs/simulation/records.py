@@ -18,38 +18,19 @@ MAX_SUBSTEPS = 10_000
 MIN_PERIOD = 1e-4
 
 _SOURCES = {
-    "radius": "radius",
-    "max_v": "max_v",
-    "max_w": "max_w",
-    "max_acc_v": "max_acc_v",
-    "max_acc_w": "max_acc_w",
-    "wheel_radius": "drive.wheel_radius",
-    "track": "drive.track",
-    "slip_std": "drive.slip_std",
-    "assumed_wheel_radius": "odometry.wheel_radius",
-    "assumed_track": "odometry.track",
+    **{name: name for name in ("radius", "max_v", "max_w", "max_acc_v", "max_acc_w")},
+    **{name: f"drive.{name}" for name in ("wheel_radius", "track", "slip_std")},
+    **{f"assumed_{name}": f"odometry.{name}" for name in ("wheel_radius", "track")},
     "ticks_per_radian": "odometry.ticks_per_radian",
-    "mount_x": "lidar.mount.x",
-    "mount_y": "lidar.mount.y",
-    "mount_z": "lidar.mount.z",
-    "mount_yaw": "lidar.mount.yaw",
-    "mount_pitch": "lidar.mount.pitch",
-    "mount_roll": "lidar.mount.roll",
-    "angle_min": "lidar.angle_min",
-    "angle_increment": "lidar.angle_increment",
-    "range_min": "lidar.range_min",
-    "range_max": "lidar.range_max",
+    **{f"mount_{name}": f"lidar.mount.{name}" for name in ("x", "y", "z", "yaw", "pitch", "roll")},
+    **{name: f"lidar.{name}" for name in ("angle_min", "angle_increment", "range_min", "range_max")},
     "range_std": "lidar.noise_std",
     "range_resolution": "lidar.resolution",
     "dropout": "lidar.dropout",
-    "gyro_std": "imu.gyro_std",
-    "has_compass": "imu.has_compass",
-    "compass_std": "imu.compass_std",
-    "compass_offset": "imu.compass_offset",
-    "compass_deviation": "imu.compass_deviation",
-    "compass_deviation_phase": "imu.compass_deviation_phase",
-    "compass_resolution": "imu.compass_resolution",
+    **{name: f"imu.{name}" for name in ("gyro_std", "has_compass", "compass_std", "compass_offset")},
+    **{f"compass_{name}": f"imu.compass_{name}" for name in ("deviation", "deviation_phase", "resolution")},
 }
+"""Attributes of `RobotParams` by field of `RobotRecord`."""
 
 RobotRecord = namedtuple("RobotRecord", [*_SOURCES, "period", "substeps"])  # type: ignore[misc]
 """Robot parameters for Numba functions, all float, followed by control period [s] and substeps per period."""

@@ -55,7 +55,7 @@ def grown(tree, grid, num_steps, robot=(0.0, 0.0)):
 @pytest.mark.parametrize("eta", [1.0, 15.0])
 def test_the_global_tree_stays_in_free_space_and_finds_the_frontier_behind_the_door(eta):
     grid = rooms()
-    tree = Tree((0.0, 0.0), eta=eta, spacing=0.3, resets=False)
+    tree = Tree((0.0, 0.0), eta=eta, resets=False)
     found = np.concatenate(grown(tree, grid, 20))
     assert len(tree.vertices) > 50
     np.testing.assert_allclose(tree.vertices[0], (0.0, 0.0), atol=1e-5)
@@ -72,24 +72,24 @@ def test_the_global_tree_stays_in_free_space_and_finds_the_frontier_behind_the_d
     np.testing.assert_allclose(found[:, 0], 9.125, atol=1e-9)
     assert found[:, 1].min() < -1.5
     assert found[:, 1].max() > 1.5
-    assert Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=False).edges.shape == (0, 2, 2)
+    assert Tree((0.0, 0.0), eta=1.0, resets=False).edges.shape == (0, 2, 2)
 
 
 def test_the_local_tree_starts_again_at_the_robot_after_a_find():
     grid = rooms()
-    local = Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=True)
+    local = Tree((0.0, 0.0), eta=1.0, resets=True)
     assert len(np.concatenate(grown(local, grid, 20, robot=(8.0, 1.0)))) > 20
     np.testing.assert_allclose(local.vertices[0], (8.0, 1.0), atol=1e-5)
     # A room without a frontier is no reason to reset the local tree.
     grid.data[42:62, 100:102] = 100
-    local = Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=True)
+    local = Tree((0.0, 0.0), eta=1.0, resets=True)
     assert len(np.concatenate(grown(local, grid, 20, robot=(1.0, 1.0)))) == 0
     np.testing.assert_allclose(local.vertices[0], (0.0, 0.0), atol=1e-5)
     assert local.vertices[:, 0].max() < 4.0
 
 
 def test_a_tree_stays_where_it_is_when_the_map_grows():
-    grid, tree = rooms(), Tree((0.0, 0.0), eta=1.0, spacing=0.3, resets=False)
+    grid, tree = rooms(), Tree((0.0, 0.0), eta=1.0, resets=False)
     grown(tree, grid, 3)
     before = tree.vertices.copy()
     larger = np.pad(grid.data, ((40, 0), (60, 10)), constant_values=-1)
