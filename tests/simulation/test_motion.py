@@ -32,26 +32,23 @@ def motions(simulator, command, steps):
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_straight_on_and_on_the_spot(physics, name):
-    robot = without_slip(load_robot(name))
+def test_straight_on_and_on_the_spot_wheels_measure_what_is_commanded(physics, name):
+    robot = by_wheels(without_slip(load_robot(name)))
     forward, turning = gains(robot)
-
-    def drive(command, ramp):
-        simulator = begin(physics, robot, PLAIN, Pose2D(0.0, 0.0, 0.4))
-        for _ in motions(simulator, command, math.ceil(10 * ramp) + 2):
-            pass
-        start = simulator.states[0].pose
-        distance, _, yaw = np.sum([motion for motion, _ in motions(simulator, command, 10 * SECONDS)], axis=0)
-        return distance, yaw, start.between(simulator.states[0].pose)
-
     for share in (1.0, -0.5, 0.3):
         v, w = share * robot.max_v, share * robot.max_w
-        distance, yaw, _ = drive(Twist(v, 0.0), abs(v) / robot.max_acc_v)
-        assert distance == pytest.approx(v * forward * SECONDS, rel=0.01)
-        assert abs(yaw) < 0.01
-        _, yaw, end = drive(Twist(0.0, w), abs(w) / robot.max_acc_w)
-        assert yaw == pytest.approx(w * turning * SECONDS, rel=0.01)
-        assert math.hypot(end.x, end.y) < 0.01
+        for command, ramp in ((Twist(v, 0.0), v / robot.max_acc_v), (Twist(0.0, w), w / robot.max_acc_w)):
+            simulator = begin(physics, robot, PLAIN, Pose2D(0.0, 0.0, 0.4))
+            for _ in motions(simulator, command, math.ceil(10 * abs(ramp)) + 2):
+                pass
+            start, record = simulator.states[0].pose, list(motions(simulator, command, 10 * SECONDS))
+            distance, _, yaw = np.sum([motion for motion, _ in record], axis=0)
+            measured = np.sum([reading.motion for _, reading in record], axis=0)
+            assert distance == pytest.approx(command.v * forward * SECONDS, rel=0.01, abs=0.01)
+            assert yaw == pytest.approx(command.w * turning * SECONDS, rel=0.01, abs=0.01)
+            assert measured[[0, 2]] == pytest.approx(SECONDS * np.array(command), rel=0.01, abs=0.01)
+            if command.w:
+                assert math.dist(start[:2], simulator.states[0].pose[:2]) < 0.01
 
 
 def test_slip_spreads_as_stated(physics):
