@@ -100,7 +100,10 @@ def test_a_number_of_worlds_are_made_once_and_drawn_again():
 def test_one_of_several_worlds_is_drawn():
     rng = np.random.default_rng(1)
     sample = world_sampler(["clutter", "hall", "turtlebot3_world"], size=(14.5, 23.0), difficulty=0.0, num_worlds=2)
-    assert {sample(rng).name for _ in range(60)} == {"clutter-0", "clutter-2", "hall-0", "hall-2", "turtlebot3_world"}
+    drawn = {world.name: world for world in (sample(rng) for _ in range(60))}
+    assert set(drawn) == {"clutter-0", "clutter-2", "hall-0", "hall-2", "turtlebot3_world"}
+    easy = FAMILIES["clutter"](0, (14.5, 23.0), 0.0, 0.0)
+    np.testing.assert_array_equal(drawn["clutter-0"].circles, easy.circles)
     for worlds, complaint in (([], "empty list"), (["hall", "nowhere"], "nowhere")):
         with pytest.raises(ValueError, match=complaint):
             world_sampler(worlds)

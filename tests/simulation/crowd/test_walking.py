@@ -6,8 +6,21 @@ import pytest
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.simulation.crowd import Crowd, People
 from lidarnaut.envs.simulation.crowd import person_row as at
+from lidarnaut.envs.simulation.crowd.step import with_people
 from lidarnaut.envs.worlds import FixedRoute
-from tests.crowds import CORRIDOR, DOORWAY, FAR_AWAY, HALL, PERIOD, SCENES, begin, robots_at_poses, walk, watch
+from tests.crowds import (
+    CORRIDOR,
+    DOORWAY,
+    FAR_AWAY,
+    HALL,
+    PERIOD,
+    SCENES,
+    begin,
+    people_at,
+    robots_at_poses,
+    walk,
+    watch,
+)
 from tests.rooms import make_room
 
 
@@ -95,3 +108,12 @@ def test_a_route_that_loses_its_length_later_stops_the_person():
     people.reset(replace(HALL, people=(FixedRoute(0.3, [(0, 0), (1, 0)], 0.5),)), (), 0.3, None)
     people.points[:, :2] = 0.0
     assert walk(people, 3)[-1, 0, at.X] == 0.0
+
+
+def test_people_are_discs_or_pairs_of_legs():
+    people, pillar = people_at([(1.0, 2.0), (3.0, 2.0)]), np.array([(0.0, 0.0, 0.5)])
+    people[:, at.HEADING], people[:, at.PHASE] = np.pi / 2, (0.0, np.pi / 2)
+    discs = with_people(pillar, people, False)
+    np.testing.assert_array_equal(discs, [*pillar, (1.0, 2.0, 0.3), (3.0, 2.0, 0.3)])
+    legs = [(1.1, 2.0, 0.06), (0.9, 2.0, 0.06), (3.1, 1.825, 0.06), (2.9, 2.175, 0.06)]
+    np.testing.assert_allclose(with_people(pillar, people, True), [*pillar, *legs], atol=1e-12)
