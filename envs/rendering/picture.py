@@ -58,31 +58,6 @@ TOUR_LEGEND = (
 """Legend entries of markers with predicted floor, which have no trees."""
 
 
-class Typesetter:
-    """Renderer of text and legends."""
-
-    def __init__(self) -> None:
-        pygame.font.init()
-        folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-        plain, bold = folder / "DejaVuSans.ttf", folder / "DejaVuSans-Bold.ttf"
-        self._fonts = {
-            "label": (pygame.font.Font(plain, style.SMALL), style.MUTED),
-            "title": (pygame.font.Font(bold, style.BODY), style.INK),
-            "number": (pygame.font.Font(bold, style.LARGE), style.INK),
-        }
-
-    def write(self, surface: pygame.Surface, text: str, kind: str = "label", **anchor: tuple[int, int]) -> pygame.Rect:
-        font, colour = self._fonts[kind]
-        rendered = font.render(text, True, colour)
-        return surface.blit(rendered, rendered.get_rect(**anchor))
-
-    def legend(self, surface: pygame.Surface, box: pygame.Rect, items: Iterable[tuple[str, style.Colour, str]]) -> None:
-        x, y = box.left, box.bottom + FOOTER // 2
-        for text, colour, mark in items:
-            draw_mark(surface, x, y, colour, mark)
-            x = self.write(surface, text, midleft=(x + 22, y)).right + 14
-
-
 class Picture:
     """Painter of pictures of an episode; titles and legends are painted once."""
 
@@ -92,12 +67,32 @@ class Picture:
         panel = ((width - 3 * GAP) // 2, height - HEADER - FOOTER)
         self._boxes = [pygame.Rect((GAP + i * (panel[0] + GAP), HEADER), panel) for i in (0, 1)]
         self._panel = new_surface((panel[0] * SUPERSAMPLING, panel[1] * SUPERSAMPLING))
-        self._text = Typesetter()
+        pygame.font.init()
+        folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+        plain, bold = folder / "DejaVuSans.ttf", folder / "DejaVuSans-Bold.ttf"
+        self._fonts = {
+            "label": (pygame.font.Font(plain, style.SMALL), style.MUTED),
+            "title": (pygame.font.Font(bold, style.BODY), style.INK),
+            "number": (pygame.font.Font(bold, style.LARGE), style.INK),
+        }
         self._background, self._frame = new_surface(size), new_surface(size)
         self._background.fill(style.PAPER)
         for box, title, legend in zip(self._boxes, TITLES, LEGENDS):
-            self._text.write(self._background, title, "title", bottomleft=(box.left, box.top - 8))
-            self._text.legend(self._background, box, legend)
+            self._write(self._background, title, "title", bottomleft=(box.left, box.top - 8))
+            self._legend(self._background, box, legend)
+
+    def _write(self, surface: pygame.Surface, text: str, kind: str = "label", **anchor: tuple[int, int]) -> pygame.Rect:
+        font, colour = self._fonts[kind]
+        rendered = font.render(text, True, colour)
+        return surface.blit(rendered, rendered.get_rect(**anchor))
+
+    def _legend(
+        self, surface: pygame.Surface, box: pygame.Rect, items: Iterable[tuple[str, style.Colour, str]]
+    ) -> None:
+        x, y = box.left, box.bottom + FOOTER // 2
+        for text, colour, mark in items:
+            draw_mark(surface, x, y, colour, mark)
+            x = self._write(surface, text, midleft=(x + 22, y)).right + 14
 
     def paint(self, scene: Scene) -> pygame.Surface:
         """Return the picture of a scene (moment of an episode). The next call overwrites it."""
@@ -109,13 +104,13 @@ class Picture:
             pygame.draw.rect(self._frame, style.RULE, box.inflate(2, 2), 1)
         if scene.world.map is not None:
             beside = pygame.Rect(self._boxes[0].left + 366, 0, 0, self._boxes[0].bottom)
-            self._text.legend(self._frame, beside, (("left out", style.LEFT_OUT, "box"),))
+            self._legend(self._frame, beside, (("left out", style.LEFT_OUT, "box"),))
         left, top = self._boxes[1].left + 200, self._boxes[1].top - FOOTER // 2
         for name in (name for name in FURTHER_LEGENDS if getattr(scene, name) is not None):
             top -= 16
             has_tour = scene.markers is not None and name == "markers" and len(scene.markers.predicted)
             entries = TOUR_LEGEND if has_tour else FURTHER_LEGENDS[name]
-            self._text.legend(self._frame, pygame.Rect(left, 0, 0, top), entries)
+            self._legend(self._frame, pygame.Rect(left, 0, 0, top), entries)
         if scene.tested is not None and len(scene.tested):
             self._draw_tested(scene.start.transform(scene.tested[:, :2]), scene.tested[:, 3])
         self._draw_scale(view.scale / SUPERSAMPLING)
@@ -123,10 +118,10 @@ class Picture:
         return self._frame
 
     def _draw_header(self, scene: Scene) -> None:
-        frame, text, middle, right = self._frame, self._text, self._boxes[1].left, self._boxes[1].right
+        frame, middle, right = self._frame, self._boxes[1].left, self._boxes[1].right
         name = scene.world.name
-        text.write(frame, name if len(name) < 27 else f"{name[:25]}…", "number", topleft=(GAP, 14))
-        text.write(frame, scene.robot.name, topleft=(GAP, 46))
+        self._write(frame, name if len(name) < 27 else f"{name[:25]}…", "number", topleft=(GAP, 14))
+        self._write(frame, scene.robot.name, topleft=(GAP, 46))
         position, heading = scene.pose_error
         numbers = {
             "collisions": f"{scene.collisions}",
@@ -135,14 +130,14 @@ class Picture:
             "time": f"{int(scene.time) // 60}:{int(scene.time) % 60:02d}",
         }
         for k, (label, value) in enumerate(numbers.items()):
-            text.write(frame, value, "number", topright=(right - 124 * k, 14))
-            text.write(frame, label, topright=(right - 124 * k, 46))
+            self._write(frame, value, "number", topright=(right - 124 * k, 14))
+            self._write(frame, label, topright=(right - 124 * k, 46))
         share = min(max(scene.progress, 0.0), 1.0)
         bar = pygame.Rect(middle - 200, 50, 300, 10)
         # Round down: 100 % means complete.
-        number = text.write(frame, f"{math.floor(1000 * share) / 10:.1f} %", "number", topleft=(bar.left, 14))
+        number = self._write(frame, f"{math.floor(1000 * share) / 10:.1f} %", "number", topleft=(bar.left, 14))
         label = f"{scene.progress_label}, not localized" if scene.belief.is_lost else scene.progress_label
-        text.write(frame, label, bottomleft=(number.right + 10, number.bottom - 2))
+        self._write(frame, label, bottomleft=(number.right + 10, number.bottom - 2))
         pygame.draw.rect(frame, style.RULE, bar, border_radius=5)
         if share > 0:
             pygame.draw.rect(frame, style.TRUE, (*bar.topleft, round(bar.width * share), bar.height), border_radius=5)
@@ -162,11 +157,11 @@ class Picture:
         for colour, some in reversed(list(zip(style.COSTS, best_first, strict=True))):
             for pixel in some.tolist():
                 pygame.draw.circle(self._frame, colour, pixel, 2.5)
-        self._text.write(self._frame, f"{250 * reach:.3g} cm wide", bottomleft=(inset.left + 6, inset.bottom - 3))
+        self._write(self._frame, f"{250 * reach:.3g} cm wide", bottomleft=(inset.left + 6, inset.bottom - 3))
 
     def _draw_scale(self, pixels_per_metre: float) -> None:
         lengths = [n * 10.0**k for k in (2, 1, 0, -1, -2) for n in (5, 2, 1)]
         length = next((length for length in lengths if length * pixels_per_metre <= 120), lengths[-1])
         x, y = self._boxes[0].right, self._boxes[0].bottom + FOOTER // 2
-        left = self._text.write(self._frame, f"{length:g} m", midright=(x, y)).left - 8
+        left = self._write(self._frame, f"{length:g} m", midright=(x, y)).left - 8
         pygame.draw.line(self._frame, style.MUTED, (left - round(length * pixels_per_metre), y), (left, y), 3)
