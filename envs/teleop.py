@@ -1,7 +1,6 @@
 """Drive a robot and map a world, or use a known map: `python -m lidarnaut.envs.teleop --world turtlebot3_house`."""
 
 import math
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,8 +11,6 @@ import tyro
 
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 from lidarnaut.envs.rendering.renderer import Renderer
 from lidarnaut.envs.rendering.scene import people_in
 from lidarnaut.envs.slam import DEFAULT_SLAM, MatcherTrace
@@ -22,8 +19,7 @@ from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.worlds import save_map
 from lidarnaut.envs.worlds.map_files import map_paths
 
-HELP = "arrows or WASD: drive, space: stop, R: restart, M: save the map, Q: quit, "
-SLAM_HELP, MAP_HELP = "C: tested poses", "P, then drag: pose estimate, G, then drag: goal, L: localize globally"
+HELP = "arrows or WASD: drive, space: stop, R: restart, M: save the map, C: tested poses, L: localize globally, Q: quit"
 TURN_RATE = 1.0
 """Maximum yaw rate of keyboard commands [rad/s]."""
 _SIGNS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
@@ -32,21 +28,18 @@ DIRECTIONS = dict(zip((pygame.K_UP, pygame.K_LEFT, pygame.K_DOWN, pygame.K_RIGHT
 
 
 class Teleop:
-    """Window that drives a robot while keys are held, and by mouse to goals if the task is `Navigate`."""
+    """Window that drives a robot while keys are held."""
 
     def __init__(self, env: LidarEnv, save_path: Path, seed: int | None = None) -> None:
         """Open the window and start an episode; RuntimeError without a display."""
         self._env, self._save_path, self._held = env, save_path, set[int]()
-        self._has_map = isinstance(env.task, Navigate)
-        self._navigator = GoalNavigator(GoalParams(local_planner="dwb", track_people=True))
-        self._tool, self._drag = 0, list[Sequence[float]]()
         self.renderer = Renderer("human", 1.0 / env.control_period)
         env.reset(seed=seed)
         self._message = env.world.notes if env.world.map is not None else ""
         self._show()
 
     def tick(self) -> bool:
-        """Process keys and mouse, drive one control period and draw; return False to quit."""
+        """Process keys, drive one control period and draw; return False to quit."""
         for event in pygame.event.get():
             if event.type in (pygame.QUIT, pygame.WINDOWCLOSE) or getattr(event, "key", None) == pygame.K_q:
                 return False
@@ -54,23 +47,14 @@ class Teleop:
                 self._press(event.key)
             elif event.type == pygame.KEYUP:
                 self._held.discard(event.key)
-            elif self._tool and hasattr(event, "pos") and getattr(event, "button", 1) == 1:
-                self._point(event)
-        env, navigator, twist = self._env, self._navigator, np.zeros(2)
-        limits = np.array([env.robot_params.max_v, env.robot_params.max_w])
-        if self._held:
-            twist = np.sign(np.sum([DIRECTIONS[key] for key in self._held], axis=0)) * (limits[0], TURN_RATE)
-        elif navigator.is_driving:
-            twist = np.array(navigator.act(env.reading, env.belief))
-            self._message = navigator.end_reason or self._message
-        env.step(np.clip(twist / limits, -1.0, 1.0).astype(np.float32))
+        robot = self._env.robot_params
+        signs = np.sign(np.sum([DIRECTIONS[key] for key in self._held] or [(0.0, 0.0)], axis=0))
+        self._env.step(np.clip(signs * (1.0, TURN_RATE / robot.max_w), -1.0, 1.0).astype(np.float32))
         self._show()
         return True
 
     def _press(self, key: int) -> None:
         env, estimator = self._env, self._env.robots[0].estimator
-        if key in (pygame.K_SPACE, pygame.K_r, *DIRECTIONS):
-            self._navigator.goal = None
         if key in DIRECTIONS:
             self._held.add(key)
         elif key == pygame.K_SPACE:
@@ -84,41 +68,15 @@ class Teleop:
                 self._message = f"not saved: {error}"
         elif key == pygame.K_c and estimator.observers is not None:
             estimator.observers = () if estimator.observers else (MatcherTrace(),)
-        elif key == pygame.K_l and self._has_map:
+        elif key == pygame.K_l and isinstance(env.task, Navigate):
             env.set_initial_pose("unknown")
-        elif key in (pygame.K_p, pygame.K_g) and self._has_map:
-            self._tool, self._message = key, "drag on the map"
-
-    def _point(self, event: pygame.Event) -> None:
-        """Follow a drag on the map; at its end, set the pose estimate or the goal."""
-        env, navigator = self._env, self._navigator
-        point = env.map_pose.inverse().transform(self.renderer.point_at(env.world, event.pos)[None])[0].tolist()
-        if event.type == pygame.MOUSEBUTTONDOWN:
-            self._drag = [point, point]
-        elif self._drag:
-            self._drag[1] = point
-        if event.type != pygame.MOUSEBUTTONUP or not self._drag:
-            return
-        (x, y), (ahead_x, ahead_y) = self._drag
-        pose = Pose2D(x, y, math.atan2(ahead_y - y, ahead_x - x))
-        tool, self._tool, self._drag, self._message = self._tool, 0, [], ""
-        try:
-            if tool == pygame.K_p:
-                env.set_initial_pose(pose)
-                return
-            env.set_goal(pose)
-            navigator.reset(env.robot_params, env.control_period, env.np_random.spawn(1)[0])
-            navigator.set_goal(pose[:2], pose.theta)
-        except ValueError as error:
-            self._message = str(error)
 
     def _show(self) -> None:
-        env, scene = self._env, self._env.scene()
-        scene.tracks = people_in(env.belief.people, env.belief.pose)
-        scene.plan = np.array(self._drag) if self._drag else self._navigator.plan
-        if self._has_map and self._navigator.goal is None:
+        scene = self._env.scene()
+        scene.tracks = people_in(self._env.belief.people, self._env.belief.pose)
+        if scene.goal is not None:  # of `Navigate`, which draws one
             scene.goal, scene.progress = None, 0.0
-        self.renderer.draw(scene, f"{self._message}    {HELP}{MAP_HELP if self._has_map else SLAM_HELP}".strip())
+        self.renderer.draw(scene, f"{self._message}    {HELP}".strip())
 
 
 def main(
@@ -142,7 +100,7 @@ def main(
             `hector?preset=faithful`, or `module:attribute` of a custom SLAM.
         people: number of people, or a crowd such as `dense` or `20?attentive=0.5`.
         seed: seed of world and noise.
-        map: known map, as saved by M: NAME.yaml of map_server. AMCL localizes on it; mouse drags give pose and goals.
+        map: known map, as saved by M: NAME.yaml of map_server. AMCL localizes on it.
         map_pose: world pose of the frame of the known map [m, m, rad]; default: the spawn, where saved maps begin.
         save: file for maps saved by M, for map_server: NAME.yaml, with NAME.pgm.
     """

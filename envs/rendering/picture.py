@@ -8,8 +8,6 @@ import matplotlib
 import numpy as np
 import pygame
 
-from lidarnaut.envs.worlds import World
-
 from . import style
 from .glyphs import draw_mark
 from .panels import SUPERSAMPLING, draw_estimate, draw_truth, new_surface, shown_bounds
@@ -141,11 +139,6 @@ class Picture:
         pygame.draw.rect(frame, style.RULE, bar, border_radius=5)
         if share > 0:
             pygame.draw.rect(frame, style.TRUE, (*bar.topleft, round(bar.width * share), bar.height), border_radius=5)
-
-    def point_at(self, world: World, pixel: tuple[int, int]) -> np.ndarray:
-        """Return the point at a pixel of the map panel, shape (2,), float64, world frame [m]."""
-        box = self._boxes[1]
-        return View(shown_bounds(world), box.size).points(np.subtract(pixel, box.topleft))[0]
 
     def _draw_tested(self, points: np.ndarray, costs: np.ndarray) -> None:
         away = points - points[costs.argmin()]

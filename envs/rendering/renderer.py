@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.worlds import World
-
 from .scene import Scene
 
 SIZE = (1280, 720)
@@ -66,11 +64,6 @@ class Renderer:
         pygame.event.pump()
         self._clock.tick(self.fps)
         return None
-
-    def point_at(self, world: World, pixel: tuple[int, int]) -> np.ndarray:
-        """Return the point of the world at a pixel of the map panel, shape (2,), float64 [m]; call `draw` before."""
-        point: np.ndarray = self._picture.point_at(world, pixel)
-        return point
 
     def close(self) -> None:
         if self._window is not None:

@@ -12,8 +12,6 @@ from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import Markers
 from lidarnaut.envs.rendering import Renderer, Scene, style
 from lidarnaut.envs.rendering.panels import beam_ends
-from lidarnaut.envs.rendering.picture import Picture
-from lidarnaut.envs.rendering.renderer import SIZE
 from lidarnaut.envs.rendering.view import View
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.slam import Belief, PoseGraphView
@@ -266,10 +264,6 @@ def test_tested_poses_are_magnified_and_coloured_by_their_cost(renderer):
         assert (drawn == style.COSTS[0]).all(axis=2).any() == (count > 0)
 
 
-def test_a_pixel_of_the_map_panel_is_a_point_of_the_world():
-    picture, view = Picture(SIZE), View(WORLD.bounds, (616, 572))
-    for point in ((0.0, 0.0), (7.5, 1.25), (3.0, 5.9)):
-        pixel = view.pixels(np.array([point]))[0] + (648, 108)
-        assert picture.point_at(WORLD, tuple(np.rint(pixel).astype(int))) == pytest.approx(point, abs=0.01)
-    np.testing.assert_allclose(view.points(view.pixels(np.array([(1.0, 2.0), (-3.0, 4.0)]))), [(1, 2), (-3, 4)])
-    assert picture.point_at(WORLD, (300, 400))[0] < WORLD.bounds[0] - 1.0, "the other panel is outside of the world"
+def test_points_of_a_view_are_those_of_their_pixels():
+    view, points = View(WORLD.bounds, (616, 572)), np.array([(1.0, 2.0), (-3.0, 4.0)])
+    np.testing.assert_allclose(view.points(view.pixels(points)), points)
