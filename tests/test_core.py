@@ -139,7 +139,7 @@ def test_parts_rewards_and_slams_of_the_users_own_code():
 
 
 def test_a_slam_can_be_given_as_an_object_and_is_copied():
-    robot = LidarEnv(Explore, **QUICK).robot
+    robot = LidarEnv(Explore, **QUICK).robot_params
     slam = KnownPoses(robot.lidar, load_params("default", {"resolution": 0.05}))
     first, second = LidarEnv(Explore, **QUICK, slam=slam), LidarEnv(Explore, **QUICK, slam=slam)
     assert same(rollout(first, 1, 10), rollout(second, 1, 10))

@@ -65,56 +65,48 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             ValueError: an argument is not allowed, or spaces of variants differ.
         """
         self.closed = True  # until the workers have started
-        if not is_whole(num_envs) or not 1 <= num_envs <= MAX_ENVS:
-            raise ValueError(f"num_envs must be whole and from 1 to {MAX_ENVS:,}, got {num_envs!r}")
-        if max_episode_steps == -1:  # as in `gymnasium.make`
-            max_episode_steps = None
-        if max_episode_steps is not None and not (is_whole(max_episode_steps) and max_episode_steps >= 1):
-            raise ValueError(f"max_episode_steps must be whole and at least 1, -1 or None, got {max_episode_steps!r}")
-        if num_workers is not None and not (is_whole(num_workers) and num_workers >= 0):
-            raise ValueError(f"num_workers must be whole and not negative, or None, got {num_workers!r}")
-        if arguments.get("render_mode") == "human":
-            raise ValueError("render_mode must be None or 'rgb_array' in a vector environment, got 'human'")
-        if num_workers is None:
-            num_workers = num_cores()
-        num_workers = max(min(num_workers, num_envs), 1)
+        _check(num_envs, num_workers, max_episode_steps, variants, arguments.get("render_mode"))
         self.num_envs = num_envs = int(num_envs)
+        num_workers = max(min(num_cores() if num_workers is None else num_workers, num_envs), 1)
+        max_episode_steps = None if max_episode_steps == -1 else max_episode_steps  # as in `gymnasium.make`
         autoreset_mode = AutoresetMode(autoreset_mode)
-        if not 1 <= len(variants) <= num_envs:
-            raise ValueError(f"variants must be 1 to num_envs ({num_envs}), got {len(variants)}")
         make_one = functools.partial(_make, make_env, tuple(env_wrappers), max_episode_steps)
         makers = [functools.partial(make_one, {**arguments, **variant}) for variant in variants]
-        env = makers[0]()  # for its spaces
+        with contextlib.closing(makers[0]()) as env:
+            self._take_spaces(env, autoreset_mode)
         for variant, make_other in zip(variants[1:], makers[1:], strict=True):
             with contextlib.closing(make_other()) as other:
                 if (other.observation_space, other.action_space) != (env.observation_space, env.action_space):
                     raise ValueError(f"variants: {variant} has observations or actions unlike {variants[0]}")
-        self.single_observation_space, self.single_action_space = env.observation_space, env.action_space
-        self.observation_space = batch_space(env.observation_space, num_envs)
-        self.action_space = batch_space(env.action_space, num_envs)
-        self.metadata, self.render_mode = {**env.metadata, "autoreset_mode": autoreset_mode}, env.render_mode
-        self._kind, self._is_own = type(env.unwrapped), is_own(env)
-        self._clips_actions = getattr(env.unwrapped, "clip_actions", False)
-        env.close()
-        multiprocessing_context = multiprocessing.get_context(context)
-        shared_by = multiprocessing_context if num_workers > 1 else None
-        memory = Memory(num_envs, self.single_observation_space, self.single_action_space, shared_by)
-        self._arrays = memory.arrays()
         self._dtype: np.dtype | None = None
         self._owner = os.getpid()
         self._has_begun = self._is_under_way = False
-        shards: list[list[Callable[[], Shard]]] = [[] for _ in range(num_workers)]
+        how = autoreset_mode, max_episode_steps
+        self._start(makers, num_workers, multiprocessing.get_context(context), how)
+        self.closed = False
+
+    def _start(self, makers: Sequence[Any], num_workers: int, context: Any, how: tuple[AutoresetMode, Any]) -> None:
+        spaces_of_one = self.single_observation_space, self.single_action_space
+        memory = Memory(self.num_envs, *spaces_of_one, context if num_workers > 1 else None)
+        self._arrays = memory.arrays()
         self._shares: list[slice] = []
         self._shares_of: list[list[int]] = [[] for _ in range(num_workers)]
-        for make_one, process, share in _split(makers, num_envs, num_workers):
-            args = make_one, memory, share, autoreset_mode, max_episode_steps
-            shards[process].append(functools.partial(Shard, *args))
+        shards: list[list[Callable[[], Shard]]] = [[] for _ in range(num_workers)]
+        for make_one, process, share in _split(makers, self.num_envs, num_workers):
+            shards[process].append(functools.partial(Shard, make_one, memory, share, *how))
             self._shares_of[process].append(len(self._shares))
             self._shares.append(share)
         # This process steps the first shards itself.
-        self._workers = [Worker(multiprocessing_context, own) for own in shards[1:]]
+        self._workers = [Worker(context, own) for own in shards[1:]]
         self._shards = [make_shard() for make_shard in shards[0]]
-        self.closed = False
+
+    def _take_spaces(self, env: Any, autoreset_mode: AutoresetMode) -> None:
+        self.single_observation_space, self.single_action_space = env.observation_space, env.action_space
+        self.observation_space = batch_space(env.observation_space, self.num_envs)
+        self.action_space = batch_space(env.action_space, self.num_envs)
+        self.metadata, self.render_mode = {**env.metadata, "autoreset_mode": autoreset_mode}, env.render_mode
+        self._kind, self._is_own = type(env.unwrapped), is_own(env)
+        self._clips_actions = getattr(env.unwrapped, "clip_actions", False)
 
     @property
     def autoreset_mode(self) -> AutoresetMode:
@@ -309,6 +301,19 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             env_info = {name: from_record(records[i][name]) for name in unfit} | extras.get(i, {})
             self._add_info(info, {name: value for name, value in env_info.items() if value is not Absent}, i)
         return info
+
+
+def _check(num_envs: Any, num_workers: Any, max_episode_steps: Any, variants: Sequence[Any], render_mode: Any) -> None:
+    if not is_whole(num_envs) or not 1 <= num_envs <= MAX_ENVS:
+        raise ValueError(f"num_envs must be whole and from 1 to {MAX_ENVS:,}, got {num_envs!r}")
+    if max_episode_steps not in (None, -1) and not (is_whole(max_episode_steps) and max_episode_steps >= 1):
+        raise ValueError(f"max_episode_steps must be whole and at least 1, -1 or None, got {max_episode_steps!r}")
+    if num_workers is not None and not (is_whole(num_workers) and num_workers >= 0):
+        raise ValueError(f"num_workers must be whole and not negative, or None, got {num_workers!r}")
+    if render_mode == "human":
+        raise ValueError("render_mode must be None or 'rgb_array' in a vector environment, got 'human'")
+    if not 1 <= len(variants) <= num_envs:
+        raise ValueError(f"variants must be 1 to num_envs ({num_envs}), got {len(variants)}")
 
 
 def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None, arguments: dict[str, Any]) -> Any:

@@ -128,7 +128,7 @@ class Repeating(Robot):
 class WithRobot(LidarEnv):
     def __init__(self, **arguments):
         super().__init__(**arguments)
-        self.robots = [Repeating(self.robot, self.control_period, self.task.make_estimator())]
+        self.robots = [Repeating(self.robot_params, self.control_period, self.task.make_estimator())]
 
 
 class Doubled(Rewards):
