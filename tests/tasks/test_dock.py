@@ -140,18 +140,22 @@ def test_an_unmapped_bag_before_the_station_is_not_touched(bag, physics, monkeyp
     assert 4.0 * 4.0 < episode.duration < episode.time_limit
 
 
-@pytest.mark.parametrize("bag", [(4.73, 2.5), (5.4, 2.2)])
-def test_a_bag_at_the_staging_pose_or_beside_the_path_leaves_another_way(bag):
-    episode = play(LidarEnv(Dock, **STATION | {"start": (3.0, 1.0, 0.0)}, **lot([square(*bag)])), "dock")
-    assert (episode.end_reason, episode.collisions) == ("docked", 0)
+NICHE = [[(4.6, y, 6.0, y)] for y in (2.29, 2.71)]
+DOCKS = {
+    "a bag at the staging pose": ({"start": (3.0, 1.0, 0.0)}, {"segments": [square(4.73, 2.5)]}),
+    "a bag beside the path": ({"start": (3.0, 1.0, 0.0)}, {"segments": [square(5.4, 2.2)]}),
+    "a niche": ({}, {"segments": NICHE}),
+    "a flat station": ({}, {"x": 5.98}),
+    "a flat station, a small robot": ({"robot": "raspimouse"}, {"x": 5.94}),
+}
 
 
-def test_the_walls_of_a_niche_are_no_obstacles():
-    sides = [[(4.6, y, 6.0, y)] for y in (2.29, 2.71)]
-    env = LidarEnv(Dock, **STATION, **lot(sides))
-    episode = play(env, "dock")
+@pytest.mark.parametrize("case", DOCKS)
+def test_the_policy_docks_past_obstacles_and_at_stations_that_hardly_stand_out(case):
+    arguments, room = DOCKS[case]
+    episode = play(LidarEnv(Dock, **STATION | arguments, **lot(**room)), "dock")
     assert (episode.end_reason, episode.collisions) == ("docked", 0)
-    assert episode.duration < 20.0
+    assert episode.duration < 60.0
 
 
 def test_the_robot_waits_for_a_person_who_walks_through():
@@ -164,11 +168,17 @@ def test_the_robot_waits_for_a_person_who_walks_through():
     assert durations[1] > durations[0] + 3.0
 
 
-def test_a_robot_that_backs_off_stops_before_a_bag_behind_it(monkeypatch):
+BAG_BEHIND = {**STATION, "start": (5.2, 2.5, 0.0), **lot([square(4.78, 2.5)])}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "least_path"), [(BAG_BEHIND, 0.0), (DOCKED | {"start": (13.0, -10.6, 0.0)}, 3.6)]
+)
+def test_the_policy_backs_off_up_to_a_bag_and_gives_up_without_a_charging_current(arguments, least_path, monkeypatch):
     monkeypatch.setattr(Dock, "_is_at_goal", lambda task: False)
-    env = LidarEnv(Dock, **STATION | {"start": (5.2, 2.5, 0.0)}, **lot([square(4.78, 2.5)]))
-    episode = play(env, "dock")
+    episode = play(LidarEnv(Dock, **arguments), "dock")
     assert (episode.end_reason, episode.collisions) == ("not_charging", 0)
+    assert least_path < episode.path_length < 10.0
 
 
 def test_a_contact_while_backing_off_is_remembered_behind_the_robot():
@@ -185,14 +195,6 @@ def test_a_contact_while_backing_off_is_remembered_behind_the_robot():
     touched = navigator._navigator.obstacles[: navigator._navigator.record["num_remembered"]]
     assert len(touched) == 5
     assert (touched[:, 0] < 0.0).all()
-
-
-def test_the_policy_gives_up_without_a_charging_current(monkeypatch):
-    env = LidarEnv(Dock, **DOCKED | {"start": (13.0, -10.6, 0.0)})
-    monkeypatch.setattr(Dock, "_is_at_goal", lambda task: False)
-    episode = play(env, "dock")
-    assert (episode.end_reason, episode.collisions) == ("not_charging", 0)
-    assert 4.0 * 0.9 < episode.path_length < 10.0
 
 
 @pytest.mark.parametrize("pose", [Pose2D(1.2, 0.1, 0.1), Pose2D(1.0, -0.15, -0.2)])
@@ -227,12 +229,6 @@ def test_a_station_stands_out_from_a_wall_by_little_more_than_the_noise(depth, n
         assert find_front(wall_with_station(0.0, noise, rng), expected) is None
     assert len(offsets) >= 15
     assert np.median(offsets, axis=0) == pytest.approx([0.9, 0.0], abs=0.01)
-
-
-@pytest.mark.parametrize(("robot", "depth"), [("create3", 0.02), ("create3", 0.05), ("raspimouse", 0.06)])
-def test_the_policy_docks_at_stations_that_hardly_stand_out(robot, depth):
-    episode = play(LidarEnv(Dock, **STATION | {"robot": robot}, **lot(x=6.0 - depth)), "dock")
-    assert (episode.end_reason, episode.collisions) == ("docked", 0)
 
 
 def test_stations_are_solid_and_need_docks():

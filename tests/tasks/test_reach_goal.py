@@ -7,9 +7,8 @@ import pytest
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
-from lidarnaut.envs.measures import PEOPLE, REACH, EpisodeHistory, barn_metric
+from lidarnaut.envs.measures import REACH, EpisodeHistory, barn_metric
 from lidarnaut.envs.robots import load_robot
-from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.goals import GeodesicDistance
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.worlds import FixedRoute
@@ -93,17 +92,6 @@ def test_progress_is_smooth_and_sums_up():
     assert np.max(progress) < 0.03
     assert out[-1][4]["end_reason"] == "reached"
     assert out[-1][4]["progress"] == 1.0
-
-
-def test_a_further_goal_needs_no_reset():
-    env = LidarEnv(ReachGoal, **QUICK, start=(-2.0, -0.5, 0.0), goal=(0.5, 0.0, 0.0))
-    assert drive(env, AHEAD, 50)[-1][2]
-    env.set_goal((0.0, 1.0, 0.0))
-    _, _, terminated, _, info = env.step(STOP)
-    assert not terminated
-    assert not info["is_success"]
-    assert info["distance_to_goal"] == pytest.approx(math.hypot(0.2, 1.0), abs=0.1)
-    assert info["rewards"]["progress"] == pytest.approx(0.0, abs=0.03)
 
 
 def test_jerk_is_that_of_the_speed_that_the_controller_reaches():
@@ -207,12 +195,3 @@ def test_nearness_to_people_and_times_to_collision_are_measured():
     assert info["intrusion_time"] == pytest.approx(0.1)
     assert paid[0] == pytest.approx(-0.06 * (0.5 - 0.43) / 0.5)
     assert info["least_time_to_collision"] == 10.0
-
-
-def test_any_task_with_people_measures_them():
-    env = LidarEnv(Explore, world="turtlebot3_world", physics="kinematic", people=2, time_limit=1.0)
-    info = rollout(env, 0, 20)[-1][4]
-    names = {measure.name for measure in PEOPLE}
-    assert names <= set(info)
-    assert names <= {measure.name for measure in env.task.measures}
-    assert not names & {measure.name for measure in Explore.measures}

@@ -8,8 +8,7 @@ from lidarnaut.baselines.episode import begin_episode, decide_with, run
 from lidarnaut.baselines.reactive import RouteFollower
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.localization.ekf import Measurement
-from lidarnaut.envs.localization.fusion import make_filter, measure_heading, measure_wheels, start_covariance
+from lidarnaut.envs.localization.fusion import measure_heading, measure_wheels
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation.odometry import arc_motion
 from lidarnaut.envs.tasks.route import Progress, Route, rectangle
@@ -54,7 +53,7 @@ def test_the_tracker_follows_the_route_to_its_end(physics):
 
 def test_an_initial_pose_error_is_corrected_and_no_measurement_is_rejected():
     env = LidarEnv(Track, **HALL)
-    for seed in range(4):
+    for seed in range(2):
         off = env.reset(seed=seed)[1]["pose_error"][1]
         for _ in range(10):
             info = env.step(np.zeros(2, dtype=np.float32))[4]
@@ -88,11 +87,6 @@ def test_headings_of_a_route_are_its_tangents():
         x, y, heading = tangent.between(route.at(22.0 + turn))
         assert math.hypot(x, y) < 0.002
         assert abs(heading) < 0.002
-        nearest = int(np.argmin(np.hypot(*(route.points - tangent[:2]).T)))
-        assert abs(route.headings[nearest] - turn) < 0.026
-        assert np.mean(route.headings[nearest - 5 : nearest + 6]) == pytest.approx(
-            route.along[nearest] - 22.0, abs=2e-3
-        )
     assert route.at(-1.0) == pytest.approx(route.start, abs=1e-12)
     assert route.at(100.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
     corner = Route.of([[0.0, 0.0], [-1.0, 0.0], [-1.0, -1.0]])
@@ -109,14 +103,6 @@ def test_progress_does_not_leap_to_where_the_route_comes_by_again():
     assert along == pytest.approx(78.0, abs=1.0)
     assert left == pytest.approx(0.0, abs=1e-6)
     assert progress.update(Pose2D(3.0, 3.0, 0.0))[0] >= along
-
-
-def test_a_route_seen_from_its_start_begins_at_the_origin():
-    route = Route.of(QUICK["path"])
-    seen = route.seen_from(route.start)
-    assert seen.start == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
-    assert seen.length == route.length
-    np.testing.assert_allclose(route.start.transform(seen.points), route.points, atol=1e-12)
 
 
 def test_maps_are_made_once_and_are_aligned_with_the_world():
@@ -157,10 +143,8 @@ def test_the_pivot_is_found_from_sideslip_in_turns(pivot):
     assert find_pivot(poses[:1], wheels[:0]) == 0.0
 
 
-@pytest.mark.parametrize("fusion", ["encoder", "encoder_compass"])
-def test_estimates_are_poses_of_the_base_which_slips_sideways(fusion):
-    hall = rasterize(load_world("workshop_hall"), 0.05)
-    env = LidarEnv(Track, **EXACT, fusion=fusion, map=hall)
+def test_estimates_are_poses_of_the_base_which_slips_sideways():
+    env = LidarEnv(Track, **EXACT, fusion="encoder", map=rasterize(load_world("workshop_hall"), 0.05))
     estimator, pivot = env.robots[0].estimator, Pose2D(0.1, 0.0, 0.0)
     estimator.pivot = pivot
     env.reset(seed=0)
@@ -229,39 +213,13 @@ def test_fusion_is_not_worse_with_a_noisy_and_disturbed_compass():
     noisy["world"] = dataclasses.replace(load_world("workshop_hall"), magnets=magnets)
     errors = {}
     for fusion in ("full", "amcl", "encoder_compass"):
-        infos = [info for seed in range(2) for info in follow(LidarEnv(Track, **noisy, fusion=fusion), seed)]
+        infos = follow(LidarEnv(Track, **noisy, fusion=fusion))
         errors[fusion] = np.sqrt(np.mean([info["pose_error"][0] ** 2 for info in infos]))
     assert errors["full"] < 0.01
     assert errors["full"] < 1.1 * min(errors.values())
 
 
-def drive_past_a_magnet(peak, seed):
-    """Drive 19 m past a magnet after 6.4 m, which turns the compass by `peak`; return the RMS heading error [rad]."""
-    robot, rng, period, before, errors = load_robot("mpo_500"), np.random.default_rng(seed), 1 / 17, math.nan, []
-    noise, std = math.radians(0.3), np.array([0.01, 0.01, 0.0035])
-    robot = dataclasses.replace(robot, imu=dataclasses.replace(robot.imu, compass_std=noise))
-    ekf, ticks = make_filter(robot, period), 0.8 * period / robot.odometry.metres_per_tick
-    ekf.reset(Pose2D(0.0, 0.0, 0.0), start_covariance(), v=0.8, time=0.0)
-    for k in range(1, 400):
-        time = k * period
-        left, right = np.rint(ticks + rng.normal(0.0, 0.4, 2)).astype(int).tolist()
-        ekf.add(measure_wheels(robot, time, period, (left, right)))
-        heading = peak / (1.0 + (0.8 * time - 6.4) ** 2) ** 1.5 + noise * rng.standard_normal()
-        ekf.add(measure_heading(robot, time, period, before, heading))
-        if k % 2 == 0:
-            pose = (0.8 * time, 0.0, 0.0) + 0.5 * std * rng.standard_normal(3)
-            ekf.add(Measurement(time, "map", pose, np.diag(std**2)))
-        before = heading
-        errors.append(ekf.estimate().pose.theta)
-    return np.sqrt(np.mean(np.square(errors)))
-
-
-def test_a_magnet_costs_little_accuracy_after_the_robot_has_passed_it():
-    with_magnet, without = (np.mean([drive_past_a_magnet(peak, seed) for seed in range(3)]) for peak in (0.26, 0.0))
-    assert with_magnet < 1.3 * without
-
-
-@pytest.mark.parametrize("control_hz", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("control_hz", [1.0, 5.0])
 def test_the_fusion_is_as_good_as_amcl_at_low_control_rates(control_hz):
     env = LidarEnv(Track, **{**EXACT, "control_hz": control_hz})
     errors = []
