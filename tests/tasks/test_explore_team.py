@@ -113,6 +113,7 @@ def test_peers_leave_no_trace_in_the_map(slam):
         inner = (x > 0.4) & (x < 7.6) & (y > 0.4) & (y < 3.6)
         highest = max(highest, grid.data[grid.data >= 0][inner].max())
     assert (grid.data >= 65).sum() > 200
+    assert env.info({})["pose_error"][:, 0].max() < 0.1
     # 32 if beams that end at peers are integrated: the peers' own scans clear most of their cells.
     assert highest <= 12
 
