@@ -11,7 +11,6 @@ PAGE = (ROOT / "docs" / "concepts" / "architecture.md").read_text(encoding="utf-
 SECTION = PAGE.partition("## One control period")[2].partition("\n## ")[0]
 STAGE_CALLS = {"move", "update_robots", "step_rows", "step_robots", "locate", "slow_down", "measure_all", "on_period"}
 ENTRANCES = {"run", "advance", "command", "drive"}
-OTHERS = "envs/core", "envs/vector", "envs/decisions", "driver", "baselines"
 TREES = {
     path: ast.parse((ROOT / path).read_text(encoding="utf-8"))
     for folder in ("envs", "driver", "baselines", "agents", "benchmarks")

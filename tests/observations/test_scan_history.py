@@ -6,7 +6,6 @@ import pytest
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.observations.scan_history import MAX_FILL_SECTORS, SURFACE_STEP, Sectors, pool_scan, shift_sectors
 from lidarnaut.envs.robots import load_robot
-from lidarnaut.envs.tasks.explore import ExploreTeam
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from tests.rollouts import rollout
 
@@ -35,7 +34,9 @@ def test_ranges_are_shown_finely_where_obstacles_are_near():
     np.testing.assert_allclose(first["scan_history"], np.where(np.isnan(ranges), 1.0, expected), atol=1e-6)
 
 
-def test_past_scans_are_those_of_before():
+def test_past_scans_are_those_of_before_up_to_a_limit():
+    with pytest.raises(ValueError, match="1000 control periods"):
+        histories(0, lags=(0.0, 200.0))
     _, seen = histories(12, lags=(0.0, 0.1, 0.5), compensate=False)
     for k, observation in enumerate(seen):
         now, before, long_before = observation["scan_history"].reshape(3, 90)
@@ -101,18 +102,3 @@ def test_what_past_scans_did_not_see_is_shown_as_it_is_now():
     np.testing.assert_array_equal(before[65:], now[65:])  # sectors revealed by turning left
     assert (before[:55] != now[:55]).mean() > 0.5
     assert (before > 0.0).all()
-
-
-def test_each_robot_of_a_team_has_its_own():
-    env = LidarEnv(ExploreTeam, world="turtlebot3_world", physics="kinematic", observations=("scan_history",))
-    env.reset(seed=0)
-    for _ in range(5):
-        observation, *_ = env.step(np.float32([[1.0, 0.0], [0.0, 1.0]]))
-    first, second = observation["scan_history"].reshape(2, 3, 90)
-    assert not np.array_equal(first[0], second[0])
-    assert not np.array_equal(second[0], second[1])
-
-
-def test_how_far_it_goes_back_is_limited():
-    with pytest.raises(ValueError, match="1000 control periods"):
-        histories(0, lags=(0.0, 200.0))

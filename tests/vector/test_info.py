@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import FlattenObservation, StickyAction, TimeLimit
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.task import Rewards, total
+from lidarnaut.envs.task import Rewards
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.vector import LidarEnvs, LidarVectorEnv
@@ -203,14 +203,6 @@ def test_the_number_of_steps_is_limited_by_the_lowest_limit_and_minus_one_is_non
         assert truncated.tolist() == [k == steps] * 2
     assert wrappers or make is limited or info["end_reason"].tolist() == ["time_limit"] * 2
     env.close()
-
-
-def test_reward_terms_are_added_one_by_one():
-    expected = 0.0
-    for _ in range(10):
-        expected += 0.1
-    assert total(dict.fromkeys(range(10), 0.1)) == expected != 1.0
-    np.testing.assert_array_equal(total(dict.fromkeys(range(10), np.full(3, 0.1))), [expected] * 3)
 
 
 @pytest.mark.parametrize("task", [Explore, ReachGoal])

@@ -1,7 +1,5 @@
 """Costs apart from rewards, and options that last longer than an episode, in single and vector environments."""
 
-from functools import partial
-
 import gymnasium
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ from gymnasium.vector import AutoresetMode
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.tasks.explore import ExploreTeam
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
-from lidarnaut.envs.worlds import load_world, world_sampler
+from lidarnaut.envs.worlds import load_world
 from tests.vector.pairs import both
 
 ROOM = {"world": "hall", "physics": "kinematic", "control_hz": 5.0}
@@ -142,17 +140,3 @@ def test_options_hold_for_all_resets_of_a_single_environment(id):
     if "Frontiers" not in id:
         with pytest.raises(ValueError, match="min_distance must be positive, got -1"):
             env.reset(options={"min_distance": -1})
-
-
-def test_a_picklable_sampler_changes_the_difficulty_of_worlds():
-    env = LidarEnv(ReachGoal, **ROOM)
-    counts = []
-    for difficulty in (0.1, 0.9):
-        env.set_options({"world": partial(cluttered, difficulty)})
-        env.reset(seed=0)
-        counts.append(len(env.world.circles))
-    assert counts[0] < counts[1]
-
-
-def cluttered(difficulty, rng):
-    return world_sampler("clutter", difficulty=difficulty, radius=0.2)(rng)

@@ -9,7 +9,6 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.decisions.explore_frontiers import ExploreFrontiersEnv
 from lidarnaut.envs.overrides import overridden, public_methods
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.task import Rewards
@@ -175,20 +174,6 @@ def test_results_of_own_methods_equal_those_of_single_environments(case):
             pass
 
 
-def test_a_step_of_a_frontier_environment_can_be_overridden():
-    class Own(ExploreFrontiersEnv):
-        def step(self, action):
-            observation, reward, *rest = super().step(action)
-            return (observation, reward + 7.0, *rest)
-
-    arguments = {"physics": "kinematic", "world": "rooms", "world_size": (6.0, 6.0)}
-    single, vector = Own(**arguments), LidarVectorEnv(Own, 1, num_workers=1, **arguments)
-    for env in (single, vector):
-        env.reset(seed=0)
-    assert vector.step(np.zeros(1, dtype=np.int64))[1][0] == single.step(np.int64(0))[1]
-    vector.close()
-
-
 def test_new_methods_and_other_spaces_leave_an_environment_fast():
     class Larger(LidarEnv):
         uses_ground_truth = True
@@ -210,14 +195,6 @@ def test_new_methods_and_other_spaces_leave_an_environment_fast():
     vector.set_attr("reward_terms", lambda quantities: {"time": 5.0})
     assert vector.get_attr("why_not_fused") == ("Larger overrides reward_terms",) * 2
     assert vector.step(np.zeros((2, 2)))[1].tolist() == [5.0, 5.0]
-    vector.close()
-
-
-def test_a_step_limit_truncates_environments_with_own_methods():
-    vector = LidarVectorEnv(Counted, 1, num_workers=1, max_episode_steps=2, **REACH)
-    vector.reset(seed=0)
-    ends = [np.ravel(vector.step(np.zeros((1, 2)))[2:4]).tolist() for _ in range(2)]
-    assert ends == [[False, False], [False, True]]
     vector.close()
 
 
