@@ -132,6 +132,17 @@ def test_parts_rewards_and_slams_of_the_users_own_code():
     assert info["pose_error"][0] == pytest.approx(info["path_length"], abs=0.02)
 
 
+def test_a_slam_can_be_given_as_an_object_and_is_copied():
+    robot = LidarEnv(Explore, **QUICK).robot_params
+    slam = KnownPoses(robot.lidar, load_params("default", {"resolution": 0.05}))
+    first, second = LidarEnv(Explore, **QUICK, slam=slam), LidarEnv(Explore, **QUICK, slam=slam)
+    assert same(rollout(first, 1, 10), rollout(second, 1, 10))
+    first.reset(seed=1)
+    assert first.belief is not second.belief
+    with pytest.raises(ValueError, match="slam must be"):
+        LidarEnv(Explore, **QUICK, slam=7)
+
+
 def test_a_slam_that_cannot_share_its_map_is_refused_for_teams():
     class Unshared(Own):
         shares_maps = False
@@ -243,7 +254,8 @@ def test_a_row_holds_what_readings_and_states_come_to(slam, robot):
     assert len(positions) > 5
 
 
-def drive(env, steps=10):
+def measured(env, steps=10):
+    """Return the measurements of all robots in each step."""
     env.reset(seed=1)
     seen = []
     for _ in range(steps):
@@ -252,17 +264,19 @@ def drive(env, steps=10):
     return seen
 
 
-def test_readings_hold_what_sensors_measure_and_the_same_seed_repeats_it():
-    first, again = (drive(LidarEnv(Explore, sensors=[Beacon, "tests.test_core:Cliff"], **QUICK)) for _ in range(2))
-    assert first == again
+def test_readings_hold_what_sensors_measure_and_the_same_seed_repeats_it_also_in_copies():
+    env, other = (LidarEnv(Explore, sensors=[Beacon, "tests.test_core:Cliff"], **QUICK) for _ in range(2))
+    first = measured(env)
+    assert first == measured(pickle.loads(pickle.dumps(other)))
     assert set(first[0][0]) == {"beacon", "cliff"}
     assert len({float(step[0]["beacon"][0]) for step in first}) == 10
+    assert same(env.reset(seed=4)[0], LidarEnv(Explore, **QUICK).reset(seed=4)[0])  # as without sensors
 
 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 def test_each_robot_of_a_team_has_its_own_measurement(physics):
     env = LidarEnv(ExploreTeam, sensors=[Cliff], **{**QUICK, "physics": physics})
-    assert [one["cliff"].tolist() for one in drive(env, 1)[0]] == [[0.0], [1.0]]
+    assert [one["cliff"].tolist() for one in measured(env, 1)[0]] == [[0.0], [1.0]]
     env.close()
 
 
