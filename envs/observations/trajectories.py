@@ -56,6 +56,8 @@ REAR_ANGLE = 0.35
 """The lidar sees the rear if a beam is within this angle of the backward direction [rad]."""
 STATE, STEPS = 9, 8
 NUM_STEPS = int(HOLD / STEP)
+DECAYS = tuple(math.exp(-(step + 1) * STEP / DECAY_TIME) for step in range(NUM_STEPS))
+"""Weights of closeness to people at each step of a velocity command."""
 FAST = {"nnan", "reassoc", "contract"}  # infinity is used
 
 
@@ -111,6 +113,79 @@ def look_ahead(along, aside, x, y, sign, reach, length):
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
+def roll_out(now, limits, speeds, turn, turned, xs, ys):
+    """Predict positions while commands with one yaw rate are held; return the final heading [rad].
+
+    `turn`: yaw rate / maximum. `turned`: scratch, shape (2, NUM_STEPS). `xs`, `ys`: positions by speed and step, shape
+    (n, NUM_STEPS), base frame [m].
+    """
+    max_v, max_w, acc_v, acc_w, _, _ = limits
+    w, theta = now[1], 0.0
+    for step in range(NUM_STEPS):
+        w += min(max(turn * max_w - w, -acc_w * STEP), acc_w * STEP)
+        turned[0, step], turned[1, step] = math.cos(theta + 0.5 * w * STEP), math.sin(theta + 0.5 * w * STEP)
+        theta += w * STEP
+    for i in range(speeds.shape[0]):
+        v, x, y = now[0], 0.0, 0.0
+        for step in range(NUM_STEPS):
+            v += min(max(speeds[i] * max_v - v, -acc_v * STEP), acc_v * STEP)
+            x += v * STEP * turned[0, step]
+            y += v * STEP * turned[1, step]
+            xs[i, step], ys[i, step] = x, y
+    return theta
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def hold(points, people, xs, ys, i, radius, reach):
+    """Return the outcome of a command while it is held, at positions in row `i` of `xs` and `ys`.
+
+    Returns:
+        Least squared distance of points [m2], times to contact with walls and people [s], closeness to people.
+    """
+    least, until_wall, until_person, near_person = np.inf, HORIZON, HORIZON, 0.0
+    for step in range(NUM_STEPS):
+        x, y, time = xs[i, step], ys[i, step], (step + 1) * STEP
+        squared = nearest(points[0], points[1], x, y)
+        least = min(least, squared)
+        until_wall = min(until_wall, time) if math.sqrt(squared) < reach else until_wall
+        for k in range(people.shape[0]):
+            person = people[k]
+            dx, dy = person[0] + time * person[2] - x, person[1] + time * person[3] - y
+            both = person[4] + radius
+            squared = dx * dx + dy * dy
+            if squared < (both + NEAR_PERSON) ** 2:
+                gap = math.sqrt(squared) - both
+                until_person = min(until_person, time) if gap < 0.0 else until_person
+                near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * DECAYS[step])
+    return least, until_wall, until_person, near_person
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def meet_people(people, x, y, velocity, radius, until_person, near_person):
+    """Return time to contact [s] and closeness to people in the straight drive from (x, y), where `HOLD` ends.
+
+    `velocity`: of the robot, base frame [m/s]. `until_person`, `near_person`: time and closeness up to now.
+    """
+    for k in range(people.shape[0]):
+        person = people[k]
+        dx, dy = person[0] + HOLD * person[2] - x, person[1] + HOLD * person[3] - y
+        vx, vy, both = person[2] - velocity[0], person[3] - velocity[1], person[4] + radius
+        squared, closing, distance = vx * vx + vy * vy, -(dx * vx + dy * vy), dx * dx + dy * dy
+        far = both + NEAR_PERSON
+        if squared < 1e-4 or closing <= 0.0 or (distance - far * far) * squared >= closing * closing:
+            continue  # passes at a distance, as most people do
+        time = min(closing / squared, HORIZON - HOLD)
+        gap = math.hypot(dx + time * vx, dy + time * vy) - both
+        closeness = min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / DECAY_TIME)
+        near_person = max(near_person, closeness)
+        inside = closing * closing - squared * (distance - both * both)
+        if inside > 0.0:
+            time = (closing - math.sqrt(inside)) / squared
+            until_person = min(until_person, HOLD + time) if time >= 0.0 else until_person
+    return until_person, near_person
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
 def predict_outcomes(now, limits, points, people, twists, out):
     """Predict motions by velocity commands; write the features of `Trajectories` to `out`, shape (n * m, 8), float32.
 
@@ -118,53 +193,28 @@ def predict_outcomes(now, limits, points, people, twists, out):
     and whether the lidar sees the rear. `points`: on walls, shape (2, k), base frame [m]. `people`: x, y, vx, vy,
     radius, shape (l, 5), base frame [m, m/s]. `twists`: n speeds and m yaw rates / maxima, in all combinations.
     """
-    max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
+    max_v, radius, sees_behind = limits[0], limits[4], limits[5]
     speeds, turns = twists
     points, num_points = points.copy(), points.shape[1]  # contiguous, for vector instructions
     reach = min(radius + WALL_MARGIN, math.sqrt(nearest(points[0], points[1], 0.0, 0.0)) - 0.25 * WALL_MARGIN)
     along, aside = np.empty(num_points + 1), np.empty(num_points + 1)
     xs, ys = np.empty((speeds.shape[0], NUM_STEPS)), np.empty((speeds.shape[0], NUM_STEPS))
-    cosines, sines, decays = np.empty(NUM_STEPS), np.empty(NUM_STEPS), np.empty(NUM_STEPS)
+    turned, farthest = np.empty((2, NUM_STEPS)), max_v * (HOLD + 0.5 * LINE_TIME)
     for turn in range(turns.shape[0]):
-        w, theta, low, high, count = now[1], 0.0, np.inf, -np.inf, 0
-        for step in range(NUM_STEPS):
-            w += min(max(turns[turn] * max_w - w, -acc_w * STEP), acc_w * STEP)
-            cosines[step], sines[step] = math.cos(theta + 0.5 * w * STEP), math.sin(theta + 0.5 * w * STEP)
-            theta += w * STEP
-            decays[step] = math.exp(-(step + 1) * STEP / DECAY_TIME)
+        theta, low, high, count = roll_out(now, limits, speeds, turns[turn], turned, xs, ys), np.inf, -np.inf, 0
         ux, uy = math.cos(theta), math.sin(theta)
         for i in range(speeds.shape[0]):
-            v, x, y = now[0], 0.0, 0.0
-            for step in range(NUM_STEPS):
-                v += min(max(speeds[i] * max_v - v, -acc_v * STEP), acc_v * STEP)
-                x += v * STEP * cosines[step]
-                y += v * STEP * sines[step]
-                xs[i, step], ys[i, step] = x, y
-            low, high = min(low, y * ux - x * uy), max(high, y * ux - x * uy)
+            offset = ys[i, NUM_STEPS - 1] * ux - xs[i, NUM_STEPS - 1] * uy
+            low, high = min(low, offset), max(high, offset)
         # The points beside the straight lines that follow, which are parallel.
         low, high = low - reach - NEAR_WALL, high + reach + NEAR_WALL
         for j in range(num_points):
             along[count], aside[count] = points[0, j] * ux + points[1, j] * uy, points[1, j] * ux - points[0, j] * uy
             count += (low <= aside[count]) & (aside[count] <= high)
         for i in range(speeds.shape[0]):
-            near_wall = near_person = 0.0
-            least, until_wall, until_person = np.inf, HORIZON, HORIZON
-            for step in range(NUM_STEPS):
-                x, y, time = xs[i, step], ys[i, step], (step + 1) * STEP
-                squared = nearest(points[0], points[1], x, y)
-                least = min(least, squared)
-                until_wall = min(until_wall, time) if math.sqrt(squared) < reach else until_wall
-                for k in range(people.shape[0]):
-                    person = people[k]
-                    dx, dy = person[0] + time * person[2] - x, person[1] + time * person[3] - y
-                    both = person[4] + radius
-                    squared = dx * dx + dy * dy
-                    if squared < (both + NEAR_PERSON) ** 2:
-                        gap = math.sqrt(squared) - both
-                        until_person = min(until_person, time) if gap < 0.0 else until_person
-                        near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * decays[step])
-            near_wall = max(near_wall, 1.0 - (math.sqrt(least) - reach) / NEAR_WALL)
-            v = speeds[i] * max_v
+            least, until_wall, until_person, near_person = hold(points, people, xs, ys, i, radius, reach)
+            x, y, v = xs[i, NUM_STEPS - 1], ys[i, NUM_STEPS - 1], speeds[i] * max_v
+            near_wall = max(0.0, 1.0 - (math.sqrt(least) - reach) / NEAR_WALL)
             if v < 0.0 and not sees_behind:
                 until_wall, near_wall = 0.0, 1.0
             elif v != 0.0:
@@ -172,26 +222,11 @@ def predict_outcomes(now, limits, points, people, twists, out):
                 hit, squared = look_ahead(along[:count], aside[:count], *place, reach, abs(v) * LINE_TIME)
                 until_wall = min(until_wall, HOLD + hit / abs(v))
                 near_wall = max(near_wall, 1.0 - (math.sqrt(squared) - reach) / NEAR_WALL)
-            for k in range(people.shape[0]):
-                person = people[k]
-                dx, dy = person[0] + HOLD * person[2] - x, person[1] + HOLD * person[3] - y
-                vx, vy, both = person[2] - v * ux, person[3] - v * uy, person[4] + radius
-                squared, closing, distance = vx * vx + vy * vy, -(dx * vx + dy * vy), dx * dx + dy * dy
-                far = both + NEAR_PERSON
-                if squared < 1e-4 or closing <= 0.0 or (distance - far * far) * squared >= closing * closing:
-                    continue  # passes at a distance, as most people do
-                time = min(closing / squared, HORIZON - HOLD)
-                gap = math.hypot(dx + time * vx, dy + time * vy) - both
-                closeness = min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / DECAY_TIME)
-                near_person = max(near_person, closeness)
-                inside = closing * closing - squared * (distance - both * both)
-                if inside > 0.0:
-                    time = (closing - math.sqrt(inside)) / squared
-                    until_person = min(until_person, HOLD + time) if time >= 0.0 else until_person
+            velocity = v * ux, v * uy
+            until_person, near_person = meet_people(people, x, y, velocity, radius, until_person, near_person)
             row = out[i * turns.shape[0] + turn]
             row[0], row[1] = until_wall / HORIZON, until_person / HORIZON
             row[2], row[3] = min(near_wall, 1.0), near_person
-            farthest = max_v * (HOLD + 0.5 * LINE_TIME)
             row[4], row[5] = (x + 0.5 * LINE_TIME * v * ux) / farthest, (y + 0.5 * LINE_TIME * v * uy) / farthest
             row[6] = theta / math.pi
             row[7] = min(max((math.sqrt(least) - radius) / SMALL_GAP, -1.0), 1.0)
