@@ -116,8 +116,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.task.attach(self.robot_params, period, physics if isinstance(physics, str) else physics.__name__)
         num_robots = self.task.num_robots
         self.simulator: Any = make_simulator(physics, self.robot_params, period, num_robots, crowd_of(people))
-        if people is not None:
-            self.task.measures = (*self.task.measures, *PEOPLE)
         estimators, by_truth = [self.task.make_estimator() for _ in range(num_robots)], self.task.uses_true_motion
         self.robots = [Robot(self.robot_params, period, each, uses_true_motion=by_truth) for each in estimators]
         self.randomization = Randomization(randomize, self.robot_params, self.simulator) if randomize else None
@@ -131,7 +129,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._time_limit, self.clip_actions = time_limit, clip_actions
         self.sensors = make_sensors(sensors)
         self._make_spaces(observations)
-        self._track_people(track_people)
+        self._prepare_for_people(people, track_people)
         self._worlds, self.has_begun = EpisodeWorlds(self.task), False
         self._blank, self.fixed_info = dict[str, Any](), fixed_info
         self.period = Period(self, CollisionMonitor(self.robot_params, period) if collision_monitor else None, cost)
@@ -146,7 +144,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.action_space = spaces.Box(-1.0, 1.0, shape, np.float32)
         self.uses_ground_truth |= any(getattr(part, "uses_ground_truth", False) for part in self.parts.values())
 
-    def _track_people(self, wanted: bool | None) -> None:
+    def _prepare_for_people(self, people: PeopleLike, wanted: bool | None) -> None:
+        if people is not None:
+            self.task.measures = (*self.task.measures, *PEOPLE)
         has_people = self.simulator.crowd.params is not None
         wanted = any(isinstance(part, Tracks) for part in self.parts.values()) or wanted
         for robot in self.robots:
