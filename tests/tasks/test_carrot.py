@@ -35,14 +35,14 @@ def follow(path, seed, id="lidarnaut/ReachGoal-v0", **arguments):
 @pytest.mark.parametrize("path", ["plan", "shortest"])
 @pytest.mark.usefixtures("is_near")
 def test_who_follows_the_carrot_gets_around_walls_to_the_goal(path):
-    for seed in range(3):
+    for seed in range(2):
         info, _ = follow(path, seed, "lidarnaut/ReachClutter-v0", world="clutter", world_size=None, contact="costs")
         assert info["is_success"], (path, seed)
 
 
 @pytest.mark.usefixtures("is_near")
 def test_on_a_known_map_the_carrot_leads_through_unseen_doors():
-    episodes = [follow(None, seed, "lidarnaut/Navigate-v0", **FLAT) for seed in range(4)]
+    episodes = [follow(None, seed, "lidarnaut/Navigate-v0", **FLAT) for seed in range(3)]
     assert all(info["is_success"] for info, _ in episodes)
     assert max(np.abs(angles).max() for _, angles in episodes) > 0.5
 

@@ -25,9 +25,9 @@ def hall(length):
 @pytest.mark.parametrize(
     ("id", "steps", "arguments"),
     [
-        ("Explore", 12, {"observations": (*PARTS, "home"), "return_home": True}),
+        ("Explore", 7, {"observations": (*PARTS, "home"), "return_home": True}),
         ("ExploreFrontiers", 3, {}),
-        ("ExploreTeam", 12, {"num_robots": 2, "observations": (*PARTS, "teammates")}),
+        ("ExploreTeam", 7, {"num_robots": 2, "observations": (*PARTS, "teammates")}),
     ],
 )
 def test_observations_tell_neither_the_time_limit_nor_what_is_out_of_sight(id, steps, arguments):

@@ -57,7 +57,7 @@ ARGUMENTS = {"world": "rooms", "world_size": (6.0, 6.0), "slam": "odometry"}
 TASKS = [Leave, LeaveByMethod, LeaveByAttribute]
 
 
-@pytest.mark.parametrize(("task", "physics"), zip(TASKS, ("kinematic", "kinematic", "bullet"), strict=True))
+@pytest.mark.parametrize(("task", "physics"), [*zip(TASKS, ("kinematic", "kinematic", "bullet"), strict=True)])
 def test_three_methods_make_a_task(task, physics):
     env = LidarEnv(task, physics=physics, **ARGUMENTS)
     for _ in range(2):  # the end of an episode does not end the next one

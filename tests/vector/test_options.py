@@ -3,13 +3,11 @@
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.tasks.explore import ExploreTeam
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.worlds import load_world
-from tests.vector.pairs import both
 
 ROOM = {"world": "hall", "physics": "kinematic", "control_hz": 5.0}
 CROWDED = ROOM | {"world_size": (6.0, 6.0), "people": {"number": 12, "attentive": 0.0}, "cost": True, "time_limit": 9.0}
@@ -47,21 +45,6 @@ def test_a_cost_counts_contacts_and_intrusions_apart_from_rewards(task, argument
     assert {*found} >= values if task is ReachGoal and arguments else len({*found}) > 1
     _, info = plain.reset(seed=1)
     assert "cost" not in info
-
-
-@pytest.mark.parametrize(("mode", "num_workers"), [(AutoresetMode.SAME_STEP, 1), (AutoresetMode.NEXT_STEP, 2)])
-def test_costs_of_vector_environments_equal_those_of_single_ones(mode, num_workers):
-    arguments = CROWDED | {"contact": "costs", "time_limit": 4.0}
-    with both("lidarnaut/ReachGoal-v0", mode, num_workers, arguments) as envs:
-        for env in envs:
-            env.reset(seed=0)
-        total = 0.0
-        for _ in range(30):
-            ours, theirs = (env.step(np.ones((3, 2), dtype=np.float32))[-1]["cost"] for env in envs)
-            np.testing.assert_array_equal(ours, theirs)
-            assert ours.dtype == np.float64
-            total += ours.sum()
-        assert total > 0.0
 
 
 class Growing:

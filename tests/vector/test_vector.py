@@ -81,7 +81,7 @@ LIDAR = {"lidar.noise_std": (0.005, 0.03), "lidar.dropout": (0.0, 0.1), "lidar.m
 RANGES = {**LIDAR, "drive.wheel_radius": (0.031, 0.035), "drive.slip_std": (0.0, 0.01), "max_v": (0.15, 0.22)}
 FRICTION = {**RANGES, "drive.friction": (0.4, 1.0)}
 TRACKS = ("scan", "map_near", "motion", "tracks")
-CROWD = {**QUICK, "world_size": (9.0, 9.0), "people": (2, 4), "contact": "costs"}
+CROWD = {**QUICK, "world_size": (9.0, 9.0), "people": (2, 4), "contact": "costs", "cost": True}
 REACH_PARTS = ("scan", "scan_history", "goal", "map_near")
 CASES = {
     "rooms": ("Explore", QUICK),
