@@ -52,28 +52,17 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> LogContent:
                 (offset,) = values
             if kind != "ODOM" and kind not in scans:
                 continue
-            first, step, limit, count = 0.0, 0.0, SICK_MAX_RANGE, 0
-            if kind == "ODOM":
-                pose, num_fields, readings = fields[0:3], 9, fields[:0]
-            elif kind == "FLASER":
-                count = int(fields[0])
-                readings, pose, num_fields = fields[1 : 1 + count], fields[4 + count : 7 + count], count + 10
-                if count:
-                    first, step = _flaser_beams(count, field_of_view)
-            else:
-                first, step, limit = float(fields[1]), float(fields[3]), float(fields[4])
-                count = int(fields[7])
-                readings, after = fields[8 : 8 + count], 9 + count + int(fields[8 + count])
-                laser, pose, num_fields = fields[after : after + 3], fields[after + 3 : after + 6], after + 14
+            readings, pose, laser, beams, num_fields = _parts(kind, fields, field_of_view)
             if len(fields) != num_fields:
                 raise ValueError(f"{len(fields)} fields instead of {num_fields}: truncated, or wrong count")
-            if kind == "ROBOTLASER1":
+            if laser:
                 mounts.append((number, Pose2D(*_numbers(pose)).between(Pose2D(*_numbers(laser)))))
             times += _numbers([fields[-3]])
             odometry.append(_numbers(pose))
-            if kind == "ODOM" or count == 0:
+            if not readings:
                 num_empty += kind != "ODOM"
                 continue
+            first, step, limit = beams
             scan = Scan(np.array(readings, dtype=np.float32), first, step, 0.0, limit, row=len(times) - 1)
             if np.isnan(scan.ranges).any():
                 raise ValueError(f"beam {int(np.isnan(scan.ranges).argmax())} is NaN")
@@ -102,6 +91,21 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> LogContent:
             spread = "assuming 180 degrees, as in CARMEN; set field_of_view (--field-of-view) to change"
             notes.append(f"FLASER lines do not hold the angles of their {count} beams: {spread}")
     return LogContent(np.array(times), np.array(odometry), placed, notes)
+
+
+def _parts(
+    kind: str, fields: list[str], field_of_view: float | None
+) -> tuple[list[str], list[str], list[str], tuple[float, float, float], int]:
+    """Return readings, pose of the base and of the laser, first angle, increment and maximum range, and number of fields."""
+    if kind == "ODOM":
+        return [], fields[0:3], [], (0.0, 0.0, SICK_MAX_RANGE), 9
+    if kind == "FLASER":
+        count = int(fields[0])
+        first, step = _flaser_beams(count, field_of_view) if count else (0.0, 0.0)
+        return fields[1 : 1 + count], fields[4 + count : 7 + count], [], (first, step, SICK_MAX_RANGE), count + 10
+    beams, count = (float(fields[1]), float(fields[3]), float(fields[4])), int(fields[7])
+    after = 9 + count + int(fields[8 + count])
+    return fields[8 : 8 + count], fields[after + 3 : after + 6], fields[after : after + 3], beams, after + 14
 
 
 def _find_mount(path: Path, mounts: list[tuple[int, Pose2D]]) -> Pose2D:

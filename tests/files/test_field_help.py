@@ -1,10 +1,9 @@
 import dataclasses
-import pickle
 import pydoc
 
 import pytest
 
-from lidarnaut.envs.robots import LidarParams, RobotParams, load_robot, robot_params
+from lidarnaut.envs.robots import LidarParams, RobotParams, robot_params
 from lidarnaut.envs.simulation import Crowd
 
 RECORDS = [kind for kind in vars(robot_params).values() if dataclasses.is_dataclass(kind)]
@@ -25,8 +24,3 @@ def test_help_on_a_robot_has_units_and_types():
     assert " |  max_v\n |      Maximum forward and backward speed [m/s].\n" in text
     assert "max_v: float" in text
     assert " |  range_max\n |      Maximum range [m].\n" in pydoc.plain(pydoc.render_doc(LidarParams))
-
-
-def test_documented_records_can_be_copied_and_pickled():
-    robot = load_robot("jackal")
-    assert pickle.loads(pickle.dumps(robot)) == robot == dataclasses.replace(robot)

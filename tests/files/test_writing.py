@@ -29,26 +29,16 @@ def dead():
     return process.pid
 
 
-def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path, dead):
-    gone = [f".a.csv.{NODE}.{dead}.tmp", f".{NODE}.{dead}.tmp.{NODE}.{dead}.tmp"]
-    kept = [f".a.csv.{NODE}.{os.getppid()}.tmp", f".a.csv.elsewhere.{dead}.tmp", f"a.{dead}.tmp", ".a.tmp"]
-    for name in (*gone, *kept):
-        (tmp_path / name).write_text("x")
-    folder = tmp_path / f".step_7.{NODE}.{dead}.tmp"
-    folder.mkdir()
-    (folder / "weights").write_text("x")
-    assert temporary_beside(tmp_path / "a.csv").name == f".a.csv.{NODE}.{os.getpid()}.tmp"
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(kept)
-
-
 @pytest.mark.parametrize("write", ["write_file", "write_folder", "BagWriter"])
 def test_the_next_writer_in_a_folder_sweeps_it_but_for_what_others_write(write, tmp_path, dead):
-    (tmp_path / f".old.mcap.{NODE}.{dead}.tmp").mkdir()
-    (tmp_path / f".old.csv.{NODE}.{dead}.tmp").write_text("half")
+    for gone in (f".old.csv.{NODE}.{dead}.tmp", f".{NODE}.{dead}.tmp.{NODE}.{dead}.tmp"):
+        (tmp_path / gone).write_text("half")
+    (tmp_path / f".old.mcap.{NODE}.{dead}.tmp" / "inside").mkdir(parents=True)
     # Files of an earlier process with this process ID, of another thread, and of the parent process.
     (earlier := tmp_path / f".earlier.csv.{NODE}.{os.getpid()}.tmp").write_text("half")
     os.utime(earlier, (1e9, 1e9))
-    kept = {f".live.csv.{NODE}.{os.getpid()}.tmp", f".live.csv.{NODE}.{os.getppid()}.tmp"}
+    kept = {f".live.csv.{NODE}.{os.getpid()}.tmp", f".live.csv.{NODE}.{os.getppid()}.tmp", ".a.tmp"}
+    kept |= {f".a.csv.elsewhere.{dead}.tmp", f"a.{dead}.tmp"}
     for name in kept:
         (tmp_path / name).write_text("half")
     if write == "BagWriter":

@@ -10,7 +10,7 @@ from rosbags.typesys import Stores
 
 from lidarnaut.envs.logs import load_log
 from tests.logs.bags import SCAN, TF, Messages, write_bag
-from tests.logs.mcap_files import MAGIC, PACK, channel_of, drive, record, text, write_mcap
+from tests.logs.mcap_files import MAGIC, channel_of, drive, record, text, write_mcap
 
 SECOND = 10**9
 
@@ -187,16 +187,6 @@ def test_folders_of_unsupported_kinds_are_named(tmp_path):
     (tmp_path / "c" / "part_0.mcap").unlink()
     with pytest.raises(ValueError, match=r"c: .*part_0\.mcap"):
         load_log(tmp_path / "c")
-
-
-def test_compressed_files_of_a_bag(tmp_path):
-    folder = split(tmp_path / "a", drive(), compression_mode="FILE", compression_format="zstd")
-    file = folder / "part_0.mcap"
-    (folder / "part_0.mcap.zstd").write_bytes(PACK["zstd"](file.read_bytes()))
-    file.unlink()
-    metadata = folder / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("part_0.mcap", "part_0.mcap.zstd"))
-    check(load_log(folder))
 
 
 def test_definitions_that_the_recorder_did_not_find_are_empty_in_sqlite(tmp_path):

@@ -55,13 +55,6 @@ class ClosingSlam(TurningSlam):
 
 
 class FinishingSlam(ClosingSlam):
-    """Corrects all poses again at the end."""
-
-    def finish(self):
-        self.belief.path = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.57]])
-
-
-class RevisingSlam(ClosingSlam):
     """Corrects all poses again at the end, in the same array."""
 
     def finish(self):
@@ -150,7 +143,7 @@ def test_replay_runs_the_slam_that_it_names(log, tmp_path):
 
 @pytest.mark.parametrize(
     ("slam", "error", "corrected"),
-    [("ClosingSlam", 1.0, [7.0, 8.0]), ("FinishingSlam", 0.0, [0.0, 1.0]), ("RevisingSlam", 0.0, [0.0, 1.0])],
+    [("ClosingSlam", 1.0, [7.0, 8.0]), ("FinishingSlam", 0.0, [0.0, 1.0])],
 )
 def test_replay_takes_the_corrected_path_and_the_pose_graph(log, relations, tmp_path, slam, error, corrected):
     (run,) = main(Options(log, slam=OWN + slam, relations=relations, out=tmp_path))
@@ -295,7 +288,6 @@ def test_the_sparse_preset_holds_where_scans_are_far_apart(slam, capsys):
         (["--seeds", "0"], "seeds must be at least 1"),
         (["--first-seed", "-1"], "first_seed 0"),
         (["--max-range", "nan"], r"drive.log: max_range \(--max-range\) must be positive"),
-        (["--time-offset", "nan"], "time_offset must be finite"),
         (["--thin", "nan", "1"], "thin must be"),
         (["--scan-topic", "/scan"], r"drive.log: scan_topic \(--scan-topic\) applies to bags only"),
         (["--preset", "none"], "unknown preset of hector 'none'"),
@@ -367,14 +359,11 @@ def test_slams_map_the_intel_research_lab(slam, seed, online, final, rotation, c
         assert run.loop_closures > 300
 
 
-def test_nothing_is_written_through_links_in_the_folder_of_results(tmp_path):
-    (tmp_path / "a.log").write_text(CARMEN)
-    out, precious = tmp_path / "out", tmp_path / "precious"
-    for name in ("trajectory_0.tum", "map_with_path_0.png"):
-        precious.write_text("precious")
-        out.mkdir(exist_ok=True)
-        (out / name).symlink_to(precious)
-        with pytest.raises(ValueError, match=f"{name} is a symbolic link"):
-            main(Options(tmp_path / "a.log", slam="odometry", out=out))
-        assert precious.read_text() == "precious"
-        (out / name).unlink()
+def test_nothing_is_written_through_links_in_the_folder_of_results(log, tmp_path):
+    precious, link = tmp_path / "precious", tmp_path / "out" / "trajectory_0.tum"
+    precious.write_text("precious")
+    link.parent.mkdir()
+    link.symlink_to(precious)
+    with pytest.raises(ValueError, match=f"{link.name} is a symbolic link"):
+        main(Options(log, slam="odometry", out=link.parent))
+    assert precious.read_text() == "precious"
