@@ -31,6 +31,24 @@ def channel_of(store, topic, kind, encoding="cdr", schema="ros2msg", definition=
     return topic, encoding, name, schema, definition
 
 
+def pack_chunk(content, offsets, compression, start, indexed):
+    """Return a chunk that begins at `start` with its message indexes, and its record in the index of chunks.
+
+    `offsets`: times [ns] and offsets of messages by channel.
+    """
+    times = [time for rows in offsets.values() for time, _ in rows]
+    packed, index = PACK[compression](content), {}
+    head = struct.pack("<QQQI", min(times), max(times), len(content), 0) + text(compression)
+    data = record(6, rest=head + struct.pack("<Q", len(packed)) + packed)
+    length = len(data)
+    for key, rows in offsets.items() if indexed else ():
+        index[key] = start + len(data)
+        data += record(7, "H", key, rest=text(b"".join(struct.pack("<QQ", *row) for row in rows)))
+    tail = text(b"".join(struct.pack("<HQ", *row) for row in index.items()))
+    tail += struct.pack("<Q", len(data) - length) + text(compression) + struct.pack("<QQ", len(packed), len(content))
+    return data, record(8, "QQQQ", min(times), max(times), start, length, rest=tail)
+
+
 def write_mcap(
     path,
     channels,
@@ -76,22 +94,12 @@ def write_mcap(
             offsets.setdefault(key, []).append((time, part.tell()))
             counts[key] = counts.get(key, 0) + 1
             part.write(record(5, "HIQQ", key, 0, time, time, rest=data))
-        times = [time for times in offsets.values() for time, _ in times]
         if compression is None:
             file.write(part.getvalue())
             continue
-        packed, start, size = PACK[compression](part.getvalue()), file.tell(), len(part.getvalue())
-        head = struct.pack("<QQQI", min(times), max(times), size, 0) + text(compression)
-        file.write(record(6, rest=head + struct.pack("<Q", len(packed)) + packed))
-        length, index = file.tell() - start, {}
-        for key, rows in offsets.items() if indexed else ():
-            index[key] = file.tell()
-            flat = b"".join(struct.pack("<QQ", *row) for row in rows)
-            file.write(record(7, "H", key, rest=text(flat)))
-        flat = b"".join(struct.pack("<HQ", *row) for row in index.items())
-        tail = struct.pack("<Q", file.tell() - start - length) + text(compression)
-        tail += struct.pack("<QQ", len(packed), size)
-        chunks.append(record(8, "QQQQ", min(times), max(times), start, length, rest=text(flat) + tail))
+        data, chunk = pack_chunk(part.getvalue(), offsets, compression, file.tell(), indexed)
+        file.write(data)
+        chunks.append(chunk)
     file.write(record(15, "I", 0))
     start = file.tell()
     if summary:
