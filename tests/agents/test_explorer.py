@@ -12,6 +12,7 @@ from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import find_policy
+from lidarnaut.agents.policies import make_policy
 from lidarnaut.agents.recipes import with_recipe
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.training import train
@@ -148,3 +149,32 @@ def test_a_policy_that_is_measured_with_ground_truth_is_marked_in_its_run_and_in
     policy.reset(env.unwrapped.robot_params, 0.1, np.random.default_rng(0))
     assert env.action_space.contains(policy(env.reset(seed=0)[0]))
     env.close()
+
+
+@pytest.fixture
+def two_threads():
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    yield
+    torch.set_num_threads(before)
+
+
+def test_learned_policies_use_one_thread_and_leave_the_number_of_the_process(two_threads, monkeypatch):
+    policy = make_policy("pretrained/reach")
+    assert torch.get_num_threads() == 2
+    used = []
+
+    def act(batch, starts):
+        used.append(torch.get_num_threads())
+        return np.zeros((1, 2), np.float32)
+
+    monkeypatch.setattr(policy, "_actor", act)
+    with contextlib.closing(
+        gymnasium.make(policy.id, physics="kinematic", **{**policy.arguments, "time_limit": 0.5})
+    ) as env:
+        run_episode(env, policy, 0)
+        monkeypatch.setattr(policy, "_actor", lambda batch, starts: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            run_episode(env, policy, 0)
+    assert set(used) == {1}
+    assert torch.get_num_threads() == 2

@@ -118,7 +118,6 @@ def test_a_class_of_rewards_starts_from_the_weights_of_the_recipe():
 @pytest.mark.parametrize(
     ("changes", "limit", "tested"),
     [
-        ({}, 60, 60),
         ({"environment": given(robot="jackal")}, 60, 60),
         ({"environment": given(world="turtlebot3_house")}, None, None),
         ({"environment": given(world="turtlebot3_house", time_limit=9)}, 9, 9),
@@ -136,8 +135,6 @@ def test_the_time_limit_of_a_recipe_belongs_to_its_worlds(changes, limit, tested
 
 
 ALL = {"learning_rate", "n_steps", "batch_size", "n_epochs", "gamma", "ent_coef", "target_kl"}
-
-
 KEPT = {"PPO": ALL, "MaskablePPO": ALL, "RecurrentPPO": ALL, "stable_baselines3:PPO": ALL}
 KEPT |= {"A2C": {"gamma", "n_steps"}, "TRPO": {"gamma", "n_steps"}, "SAC": {"gamma"}, "CrossQ": {"gamma"}}
 

@@ -9,9 +9,7 @@ from gymnasium.envs.registration import EnvSpec, WrapperSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import TimeLimit
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import CheckpointCallback
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import VecNormalize
 
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
 from lidarnaut.agents.evaluation import Evaluator, run_episodes
@@ -82,26 +80,6 @@ def test_other_autoresets_are_refused():
     with pytest.raises(ValueError, match="SAME_STEP"):
         GymnasiumVecEnv(env)
     env.close()
-
-
-def test_normalisation_callbacks_and_resuming_work_as_in_stable_baselines3(tmp_path):
-    """PPO, policy, `VecNormalize` and `CheckpointCallback` are those of the library."""
-    short = {"control_hz": 5.0, "time_limit": 3.0}
-    env = VecNormalize(adapt(**short), norm_obs_keys=["motion"])
-    # A checkpoint every eight steps of the three sub-environments.
-    keep = CheckpointCallback(8, str(tmp_path), save_vecnormalize=True)
-    model = PPO("MultiInputPolicy", env, n_steps=32, batch_size=48, n_epochs=1, seed=3)
-    model.learn(192, keep)
-    assert env.ret_rms.count > 192
-    assert len(model.ep_info_buffer) == 12  # episodes of 15 steps: four in each
-    env.close()
-
-    again = VecNormalize.load(str(tmp_path / "rl_model_vecnormalize_96_steps.pkl"), adapt(**short))
-    resumed = PPO.load(tmp_path / "rl_model_96_steps.zip", again)
-    assert resumed.num_timesteps == 96
-    resumed.learn(96, reset_num_timesteps=False)
-    assert resumed.num_timesteps == 192
-    again.close()
 
 
 def test_masked_ppo_learns_and_never_takes_what_is_masked():

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from lidarnaut import train_command as train
 from lidarnaut.agents.config import EvolutionConfig
@@ -126,7 +125,7 @@ def test_ctrl_c_names_the_run_which_the_command_line_continues(small_rooms, tmp_
     assert f"{run} is in use: process" in capsys.readouterr().err
 
 
-def test_validations_are_logged_after_nearest_which_is_measured_once(whole, small_rooms, tmp_path, monkeypatch):
+def test_validations_begin_with_nearest_which_is_measured_once(whole, small_rooms, tmp_path, monkeypatch):
     nearest, first, *later = rows = read_evaluations(whole)
     assert [(row["policy"], row["steps"]) for row in (nearest, first)] == [("nearest", 0), ("learned", 0)]
     assert [(row["policy"], row["steps"]) for row in later] == [("learned", 2), ("learned", 3)]
@@ -137,8 +136,6 @@ def test_validations_are_logged_after_nearest_which_is_measured_once(whole, smal
     again = shutil.copytree(whole, tmp_path / "again")
     evolve(WHOLE, resume=again, progress=False)
     assert read_evaluations(again) == rows
-    events = EventAccumulator(str(again / "tensorboard")).Reload()
-    assert events.Scalars("evaluation/time_over_rule")[0].value == 1.0
 
 
 def test_mistakes_and_missing_runs_are_named(tmp_path, capsys):
