@@ -169,9 +169,7 @@ def test_learned_policies_use_one_thread_and_leave_the_number_of_the_process(two
         return np.zeros((1, 2), np.float32)
 
     monkeypatch.setattr(policy, "_actor", act)
-    with contextlib.closing(
-        gymnasium.make(policy.id, physics="kinematic", **{**policy.arguments, "time_limit": 0.5})
-    ) as env:
+    with gymnasium.make(policy.id, physics="kinematic", **{**policy.arguments, "time_limit": 0.5}) as env:
         run_episode(env, policy, 0)
         monkeypatch.setattr(policy, "_actor", lambda batch, starts: 1 / 0)
         with pytest.raises(ZeroDivisionError):
