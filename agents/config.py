@@ -28,7 +28,8 @@ class Section(BaseModel):
         if not isinstance(data, dict):
             return data
         several = {name for name, one in cls.model_fields.items() if get_origin(one.annotation) is tuple}
-        return {key: (value,) if key in several and isinstance(value, str) else value for key, value in data.items()}
+        taken = {key: (value,) for key, value in data.items() if key in several and isinstance(value, str)}
+        return data | taken | {key: () for key in several if data.get(key) is True}  # an option without a value
 
 
 Width = Annotated[int, Field(ge=1, le=8192)]
@@ -138,11 +139,6 @@ class EvaluationConfig(Section):
     def arguments(self) -> dict[str, Any]:
         """Environment arguments that differ from training; lists are converted to tuples."""
         return {name: _tuples(value) for name, value in self.environment.items()}
-
-    @field_validator("references", mode="before")
-    @classmethod
-    def _read_none(cls, references: Any) -> Any:
-        return () if references is True else references  # the option without a value
 
 
 class CheckpointConfig(Section):

@@ -12,9 +12,10 @@ import itertools
 import json
 import math
 import shutil
+from collections import defaultdict
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import safetensors.torch
@@ -205,38 +206,28 @@ class _Training:
         write_file(self._run / PICTURE, draw_calibration(probability, floor, distance))
         return row["cross_entropy"]
 
-    def _tensors(self) -> dict[str, Tensor]:
-        state = self._optimizer.state_dict()["state"]
-        networks = {"network": self._network, "mean": self._mean}
-        tensors = {
-            f"{key}.{name}": value for key, each in networks.items() for name, value in each.state_dict().items()
-        }
-        return tensors | {
-            f"optimizer.{k}.{name}": value for k, moments in state.items() for name, value in moments.items()
-        }
-
     def _save(self) -> None:
         folder = own_folder(self._run / "checkpoints") / f"step_{self.steps:09d}"
-        tensors = {name: value.detach().clone().contiguous() for name, value in self._tensors().items()}
+        tensors = {f"network.{name}": value for name, value in self._network.state_dict().items()}
+        tensors |= {f"mean.{name}": value for name, value in self._mean.state_dict().items()}
+        for k, moments in self._optimizer.state_dict()["state"].items():
+            tensors |= {f"optimizer.{k}.{name}": value for name, value in moments.items()}
+        tensors = {name: value.detach().clone().contiguous() for name, value in tensors.items()}
         table = json.dumps(self._validated) + "\n"
         write_folder(folder, {STATE_FILE: safetensors.torch.save(tensors), "validation.json": table})
 
     def _restore(self, folder: Path) -> None:
+        state = defaultdict[Any, dict[str, Tensor]](dict)
         try:
-            tensors = safetensors.torch.load(read_bytes(folder / STATE_FILE))
+            for name, value in safetensors.torch.load(read_bytes(folder / STATE_FILE)).items():
+                owner, rest = name.split(".", 1)
+                if owner == "optimizer":
+                    index, rest = rest.split(".")
+                state[int(index) if owner == "optimizer" else owner][rest] = value
             self._validated = [dict(row) for row in json.loads(read_bytes(folder / "validation.json"))]
-            weights: dict[str, dict[str, Tensor]] = {"network": {}, "mean": {}}
-            state: dict[int, dict[str, Tensor]] = {}
-            for name, value in tensors.items():
-                key, rest = name.split(".", 1)
-                if key in weights:
-                    weights[key][rest] = value
-                else:
-                    index, moment = rest.split(".")
-                    state.setdefault(int(index), {})[moment] = value
-            self._network.load_state_dict(weights["network"])
-            self._mean.load_state_dict(weights["mean"])
-            self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": state})
+            self._network.load_state_dict(state.pop("network"))
+            self._mean.load_state_dict(state.pop("mean"))
+            self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": dict(state)})
             self.steps = int(folder.name.removeprefix("step_"))
         except (OSError, ValueError, RuntimeError, KeyError, TypeError, SafetensorError) as error:
             raise CheckpointError(f"{folder} holds no readable training of a completion: {error}") from error
