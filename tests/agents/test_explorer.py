@@ -1,3 +1,4 @@
+from functools import partial
 from types import SimpleNamespace
 
 import gymnasium
@@ -151,15 +152,9 @@ def test_a_policy_that_is_measured_with_ground_truth_is_marked_in_its_run_and_in
     env.close()
 
 
-@pytest.fixture
-def two_threads():
-    before = torch.get_num_threads()
+def test_learned_policies_use_one_thread_and_leave_the_number_of_the_process(request, monkeypatch):
+    request.addfinalizer(partial(torch.set_num_threads, torch.get_num_threads()))
     torch.set_num_threads(2)
-    yield
-    torch.set_num_threads(before)
-
-
-def test_learned_policies_use_one_thread_and_leave_the_number_of_the_process(two_threads, monkeypatch):
     policy = make_policy("pretrained/reach")
     assert torch.get_num_threads() == 2
     used = []

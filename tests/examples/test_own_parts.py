@@ -40,7 +40,7 @@ def train_on(environment, **changes):
     return next(Path("runs").glob("own__*"))
 
 
-def test_make_takes_all_parts():
+def test_make_and_make_vec_take_all_parts():
     env = gymnasium.make("lidarnaut/Explore-v0", physics="kinematic", **OWN)
     observation, _ = env.reset(seed=0)
     *_, info = env.step(env.action_space.sample())
@@ -49,9 +49,6 @@ def test_make_takes_all_parts():
     assert "careful" in info["rewards"]
     assert (env.unwrapped.world.name, env.unwrapped.robot_params.name) == ("my_hall", "my_robot")
     env.close()
-
-
-def test_make_vec_takes_all_parts():
     env = gymnasium.make_vec("lidarnaut/Explore-v0", num_envs=2, num_workers=1, **OWN)
     assert env.reset(seed=0)[0]["sectors"].shape == (2, 8)
     env.step(env.action_space.sample())
