@@ -2,22 +2,18 @@
 
 import json
 import logging
-import re
 import shutil
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
 
-from lidarnaut.agents import callbacks, evaluation, learning
-from lidarnaut.agents.callbacks import MIN_ROLLOUTS
+from lidarnaut.agents import callbacks, evaluation
 from lidarnaut.agents.curves import curve_of, interval_of, read_evaluations, result_of
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.agents.run_folder import BEST, CheckpointError, find_checkpoint, is_measured, list_checkpoints
 from lidarnaut.agents.training import train
-from lidarnaut.envs.progress import Progress
 from tests.agents.test_training import changed
 
 SCORES = (5.0, 1.0, 9.0, 9.0, 2.0, 3.0)
@@ -158,29 +154,3 @@ def test_intervals_of_evaluations_have_a_width():
     assert interval_of(half, "success") == pytest.approx((0.299, 0.701), abs=1e-3)
     low, high = interval_of(half, "sct")
     assert 0.2 < low < 0.35 < 0.65 < high < 0.8
-
-
-def test_the_bar_names_its_values_and_estimates_from_training_alone(config, tmp_path, monkeypatch):
-    """By a clock of its own: a step takes 0.01 s, and an evaluation 1,000 s, which has no part in the rate."""
-    bars, whole, seen, now = [], callbacks.Evaluator.policy, [], [0.0]
-
-    def lasting(method, seconds):
-        def timed(*args, **options):
-            now[0] += seconds
-            return method(*args, **options)
-
-        return timed
-
-    monkeypatch.setattr(learning, "Progress", lambda **how: bars.append(Progress(**how)) or bars[-1])
-    monkeypatch.setattr(callbacks, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(callbacks.Evaluator, "policy", lasting(whole, 1000.0))
-    monkeypatch.setattr(callbacks.RunCallback, "_on_step", lasting(callbacks.RunCallback._on_step, 0.01))
-    callback, start = callbacks.RunCallback, callbacks.RunCallback._on_rollout_start
-    monkeypatch.setattr(callback, "_on_rollout_start", lambda self: start(self) or seen.append(bars[0].rate))
-    train(config, run=tmp_path / "run", progress=False)
-    assert seen[: MIN_ROLLOUTS + 1] == [0.0] * (MIN_ROLLOUTS + 1)
-    assert seen[-1] == pytest.approx(config.num_envs / 0.01)
-    assert re.fullmatch(
-        r"episode return \S+, training explored fraction \d+ %, validation area \d+\.\d m²", bars[0].postfix
-    )
-    assert "?" in Progress.format_meter(**{**bars[0].format_dict, "rate": 0.0})

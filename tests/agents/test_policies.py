@@ -1,5 +1,3 @@
-import copy
-import pickle
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,10 +14,8 @@ from lidarnaut.agents.frontiers.score import PRETRAINED, PursuitScoreExplorer, S
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines import (
-    EXPLORERS,
     FrontierExplorer,
     PursuitExplorer,
-    RandomExplorer,
     RouteFollower,
     RrtExplorer,
     TeamExplorer,
@@ -28,10 +24,9 @@ from lidarnaut.baselines import (
 from lidarnaut.baselines.adoption import adopt
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
-from lidarnaut.baselines.policy import Explorer, OnePerRobot
+from lidarnaut.baselines.policy import OnePerRobot
 from lidarnaut.baselines.reactive import RandomChooser
 from lidarnaut.envs.navigation import DockNavigator, GoalNavigator
-from lidarnaut.envs.simulation import Twist
 from tests.own_code import Circling
 
 BOX = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -47,15 +42,6 @@ class Model:
 def drive(policy, steps=1):
     policy.reset(SimpleNamespace(name="robot"), 0.1, np.random.default_rng(0))
     return [policy(SEEN) for _ in range(steps)]
-
-
-def test_explorers_stay_what_they_are_and_classes_and_factories_make_them():
-    explorer = RandomExplorer()
-    assert make_policy(explorer) is explorer
-    for source in (RandomExplorer, lambda: RandomExplorer()):
-        assert isinstance(make_policy(source), RandomExplorer)
-    for name, source in EXPLORERS.items():
-        assert isinstance(make_policy(source), type(source())), name
 
 
 def test_rules_over_candidates_are_driven():
@@ -85,16 +71,18 @@ def test_models_are_asked_as_they_expect():
     assert model.seen == (1, False, True, SEEN["action_mask"])
     drive(policy)
     assert model.seen[:2] == (None, True)  # a new episode
-    plain = SimpleNamespace(predict=lambda observation: observation["scan"][:2])
-    assert drive(make_policy(plain, BOX))[0].tolist() == [1.0, 1.0]
     for others in ((), (None,), ("log_prob", "value")):
         model = SimpleNamespace(predict=lambda observation, others=others: (np.array([0.5, 0.0]), *others))
         assert drive(make_policy(model, BOX))[0].tolist() == [0.5, 0.0]
+    plain = SimpleNamespace(predict=lambda observation: observation["scan"][:2])
+    plain.reset = lambda robot, control_period, rng=None: setattr(plain, "robot", robot.name)
+    assert drive(make_policy(plain, BOX))[0].tolist() == [1.0, 1.0]
+    assert plain.robot == "robot"
 
 
-def test_reset_plan_and_reason_of_a_policy_are_used():
+def test_reset_plan_reason_and_level_of_a_policy_are_used():
     class Stopping:
-        end_reason, plan = "bored", np.zeros((1, 2))
+        end_reason, plan, level = "bored", np.zeros((1, 2)), "twist"
 
         def reset(self, robot, control_period, rng):
             self.robot = robot
@@ -104,38 +92,9 @@ def test_reset_plan_and_reason_of_a_policy_are_used():
 
     policy = make_policy(Stopping, BOX)
     assert drive(policy)[0].tolist() == [0.0, 1.0]
-    assert (policy.end_reason, policy.plan.shape) == ("bored", (1, 2))
+    assert (policy.end_reason, policy.plan.shape, policy.level) == ("bored", (1, 2), "twist")
     policy = make_policy(lambda seen: np.zeros(2), BOX)
-    assert policy.end_reason is policy.plan is None
-
-
-def test_models_are_reset_if_they_take_what_a_reset_gives():
-    class Predicting:
-        robot = None
-
-        def predict(self, observation):
-            return np.array([0.0, float(self.robot == "robot")])
-
-        def reset(self, robot, control_period, rng=None):
-            self.robot = robot.name
-
-    class Reseeding(Predicting):
-        """Model with another kind of `reset`."""
-
-        def reset(self, seed=None):
-            self.robot = "robot"
-
-    assert drive(make_policy(Predicting(), BOX))[0].tolist() == [0.0, 1.0]
-    assert drive(make_policy(Reseeding(), BOX))[0].tolist() == [0.0, 0.0]
-
-
-def test_levels_are_declared():
-    def chooser():
-        return SimpleNamespace(predict=lambda observation: 0)
-
-    assert make_policy(lambda observation: 0).level is make_policy(chooser).level is None
-    chooser.level = "decision"
-    assert make_policy(chooser).level == "decision"
+    assert policy.end_reason is policy.plan is policy.level is None
     with pytest.raises(ValueError, match="must be one of twist, decision, got 'goal'"):
         make_policy(SimpleNamespace(level="goal", predict=lambda observation: 0))
 
@@ -146,32 +105,6 @@ def test_what_cannot_explore_is_refused():
     for name in ("pursuit", Path("runs")):
         with pytest.raises(ValueError, match=r"is a name, not a policy: lidarnaut.make_policy\(NAME, env\)"):
             adopt(name)
-
-
-class Duck:
-    """Explorer without a base class."""
-
-    plan = "own"
-
-    def __init__(self):
-        self.turns = [1, 2]
-
-    def act(self, reading, belief):
-        return Twist(0.0, 1.0)
-
-
-def test_explorers_without_a_base_class_get_its_defaults_and_can_be_pickled_and_copied():
-    policy = make_policy(Duck)
-    assert isinstance(policy, Explorer)
-    assert isinstance(policy, Duck)
-    assert type(policy).__name__ == "Duck"
-    for again in (policy, pickle.loads(pickle.dumps(policy)), copy.deepcopy(policy)):
-        assert (again.turns, again.control_hz, again.end_reason) == ([1, 2], None, None)
-        assert (again.plan, again.plans) == ("own", ["own"])
-        assert again.act(None, None) == (0.0, 1.0)
-    team = OnePerRobot(Duck())
-    team.reset(None, 0.1, np.random.default_rng(0))
-    assert team.act([None] * 2, [None] * 2) == [(0.0, 1.0)] * 2
 
 
 NAMED = {

@@ -35,7 +35,6 @@ def test_the_page_about_resuming_has_the_table():
     [
         ({"seed": 1}, "seed: 0, not 1"),
         ({"algorithm": "A2C", "hyperparameters": {"n_steps": 32}}, "algorithm: 'PPO', not"),
-        ({"algorithm": "SAC", "hyperparameters": {"tau": 0.1}}, "algorithm: 'PPO', not"),
         ({"environment": {"id": "lidarnaut/Navigate-v0"}}, "environment.id: 'tests"),
         ({"num_envs": 2}, "num_envs: 4, not 2"),
         ({"experiment": "other"}, "experiment: 'tiny', not 'other'"),
