@@ -52,27 +52,18 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path):
         ("hyperparameters.n_steps", 10**9, r"num_envs times hyperparameters\.n_steps .* = 4000000000 steps"),
         ("hyperparameters.batch_size", -1, r"hyperparameters\.batch_size: must be a number from 1, got -1"),
         ("hyperparameters.batch_size", 64.0, r"hyperparameters\.batch_size: Input should be a valid integer, got 64.0"),
-        ("hyperparameters.batch_size", 1, r"hyperparameters\.batch_size: .*`batch_size` must be greater than 1"),
         ("hyperparameters.gamma", 2, r"hyperparameters\.gamma: must be a number from 0 to 1, got 2"),
         ("hyperparameters.gamma", float("nan"), r"hyperparameters\.gamma: Out of range float .*, got nan"),
         ("hyperparameters.clip_range", "x", r"hyperparameters\.clip_range: .* valid number; .* callable, got 'x'"),
         ("hyperparameters.learning_rate", 1e300, r"hyperparameters\.learning_rate: .*overflow"),
-        ("hyperparameters.normalize_advantage", "yes", r"hyperparameters\.normalize_advantage: .* boolean, got 'yes'"),
-        ("hyperparameters.policy_kwargs", 3, r"hyperparameters\.policy_kwargs: Input should be a valid dictionary"),
         ("hyperparameters.policy_kwargs", {"foo": 1}, r"hyperparameters\.policy_kwargs: .*argument 'foo'"),
-        ("hyperparameters.policy_kwargs", {"net_arch": [-1]}, r"hyperparameters\.policy_kwargs: .*negative dimension"),
-        *(
-            ("hyperparameters.policy_kwargs", {"optimizer_class": f"torch.optim:{name}"}, rf"policy_kwargs: .*{name}")
-            for name in ("LBFGS", "SparseAdam")
-        ),
+        ("hyperparameters.policy_kwargs", {"optimizer_class": "torch.optim:LBFGS"}, r"policy_kwargs: .*LBFGS"),
         ("network.speedd", 1.0, r"network: unknown key 'speedd' \(did you mean 'speed'\?\); allowed are .*speed"),
         ("checkpoints.every", 100, r"checkpoints.every is 100, but an update takes .* 128 steps"),
         ("SAC.train_freq", [4], r"train_freq must be a whole number from 1, or .*, got \[4\]"),
         ("SAC.train_freq", [1, "episode"], r"train_freq must be .*, or with num_envs 1 \[number, episode\], got \[1, "),
         ("SAC.buffer_size", 10**13, r"hyperparameters\.buffer_size: .*Unable to allocate"),
         ("SAC.gradient_steps", -2, r"hyperparameters\.gradient_steps: must be a number from -1, got -2"),
-        ("SAC.ent_coef", "abc", r"hyperparameters\.ent_coef: .*could not convert string to float: 'abc'"),
-        ("SAC.replay_buffer_kwargs", {"foo": 1}, r"hyperparameters\.replay_buffer_kwargs: .*argument 'foo'"),
     ],
 )
 def test_mistakes_are_named_with_what_is_allowed_and_leave_no_run_behind(tiny_data, tmp_path, key, value, message):
@@ -117,7 +108,6 @@ ID = ["--config", "tiny.yaml", "--environment.id"]
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "--config FILE, or a run to resume"),
         (["--seed", "1"], "--config FILE, or a run to resume"),
         (["--config", ""], "unknown configuration ''"),
         (["--config", "no.yaml"], "no.yaml: no such file"),
@@ -150,13 +140,11 @@ def test_one_name_will_do_where_several_are_allowed():
     assert parse_config(data | {"evaluation": {"references": True}}, "none").evaluation.references == ()
 
 
-def test_a_training_needs_no_configuration_where_the_algorithm_is_given(configs, capsys):
+def test_a_training_needs_no_configuration_where_the_algorithm_is_given(configs):
     assert train.main(["--algorithm", "SAC", "--environment.id", "lidarnaut/ReachCrowd-v0"]) == 0
     (config,) = configs
     assert (config.algorithm, config.environment.id, config.total_steps) == ("SAC", "lidarnaut/ReachCrowd-v0", 300_000)
     assert (config.experiment, config.recipe) == ("ReachCrowd-v0", "ReachCrowd-v0")
-    assert train.main(["--seed", "1"]) == 2
-    assert "pass --environment.id ID, a configuration, --config FILE" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -104,13 +104,6 @@ def test_an_evaluation_gives_what_single_episodes_give():
             assert measures[name].compute(history) == getattr(alone, name)
 
 
-def test_a_reference_that_drives_is_refused():
-    evaluator = Evaluator(changed(evaluation={"episodes": 1}))
-    with pytest.raises(ValueError, match=r"policy 'rrt' cannot do this task; allowed are random, nearest, frontier"):
-        evaluator.make_reference("rrt")
-    evaluator.close()
-
-
 def test_worlds_to_train_in_and_to_validate_in_are_apart():
     rng = np.random.default_rng(0)
     trained = {training_world(rng).name for _ in range(60)}

@@ -36,7 +36,6 @@ def test_the_page_about_resuming_has_the_table():
         ({"seed": 1}, "seed: 0, not 1"),
         ({"algorithm": "A2C", "hyperparameters": {"n_steps": 32}}, "algorithm: 'PPO', not"),
         ({"environment": {"id": "lidarnaut/Navigate-v0"}}, "environment.id: 'tests"),
-        ({"num_envs": 2}, "num_envs: 4, not 2"),
         ({"experiment": "other"}, "experiment: 'tiny', not 'other'"),
         ({"evaluation": {"every": 256, "episodes": 2, "references": []}}, "evaluation.episodes: 3, not 2"),
         ({"evaluation": {"every": 256, "episodes": 3, "at_start": False}}, "evaluation.at_start: True, not False"),
@@ -68,12 +67,9 @@ def test_code_that_a_run_no_longer_names_is_trusted_on_the_command_line(tiny_dat
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"seed": 2}, "seed: 1, not 2"),
         ({"sigma": 0.5}, r"sigma: 0\.06, not 0\.5"),
         ({"families": ("caves",)}, r"families: \['rooms'\], not \['caves'\]"),
-        ({"population": 6}, "population: 4, not 6"),
         ({"tasks": 2}, "holds tasks: "),
-        ({"validation_tasks": 2}, "validation_tasks: "),
         ({"generations": 1}, "2 of generations, more than 1; keys that may .*: generations, validate_every, num_"),
     ],
 )

@@ -7,15 +7,10 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.utils import ConstantSchedule
 
-from lidarnaut.agents.curves import curve_of, read_evaluations
-from lidarnaut.agents.training import train
 from lidarnaut.agents.trajectories import TrajectoryNetwork, TrajectoryPolicy, TwistChoice
-from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.observations.scan import SPEED_RANGE
 from lidarnaut.envs.observations.trajectories import NUMBERS, TWISTS
-from lidarnaut.envs.tasks.explore import Explore
-from tests.agents.tiny import tiny
 
 TABLE = torch.from_numpy(TWISTS)
 ACTIONS = spaces.Box(-1.0, 1.0, (2,))
@@ -87,33 +82,32 @@ def test_goals_of_all_tasks_are_read_in_metres(id, arguments):
         assert math.atan2(found[1], found[0]) == pytest.approx(math.atan2(goal.y, goal.x), abs=1e-4)
 
 
-def test_an_untrained_network_with_a_prior_explores_along_the_plan():
-    parts = ("trajectories", "motion", "limits", "plan")
-    room = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "slam": "truth", "control_hz": 5.0}
-    env = LidarEnv(Explore, **room, observations=parts, target_coverage=0.9)
-    torch.manual_seed(0)
-    network = TrajectoryNetwork(env.observation_space, width=8, hidden=8, prior=20.0)
-    observation, _ = env.reset(seed=0)
-    terminated = truncated = False
-    while not (terminated or truncated):
-        with torch.no_grad():
-            logits, _ = network({name: torch.from_numpy(part)[None] for name, part in observation.items()})
-        observation, _, terminated, truncated, info = env.step(TWISTS[int(logits.argmax())])
-    assert info["end_reason"] == "covered"
+ROOM = {"world": "rooms", "world_size": (8.0, 8.0), "slam": "truth", "control_hz": 5.0, "target_coverage": 0.9}
 
 
-def test_an_untrained_network_with_a_prior_docks_by_amcl():
-    parts = {"trajectories": {"fine": True}, "carrot": None, "goal": None, "motion": None, "limits": None}
-    env = gymnasium.make("lidarnaut/Dock-v0", physics="kinematic", observations=parts, start=(12.0, -10.0, 2.0))
+@pytest.mark.parametrize(
+    ("id", "prior", "parts", "arguments", "reason"),
+    [
+        ("Explore", 20.0, {"trajectories": None, "plan": None}, ROOM, "covered"),
+        (
+            "Dock", 100.0, {"trajectories": {"fine": True}, "carrot": None, "goal": None},
+            {"start": (12.0, -10.0, 2.0)}, "docked",
+        ),
+    ],
+)  # fmt: skip
+def test_an_untrained_network_with_a_prior_does_the_task(id, prior, parts, arguments, reason):
+    """It explores along the plan, and docks by AMCL."""
+    parts = parts | {"motion": None, "limits": None}
+    env = gymnasium.make(f"lidarnaut/{id}-v0", physics="kinematic", observations=parts, **arguments)
     torch.manual_seed(0)
-    network = TrajectoryNetwork(env.observation_space, width=8, hidden=8, prior=100.0)
+    network = TrajectoryNetwork(env.observation_space, width=8, hidden=8, prior=prior)
     observation, _ = env.reset(seed=0)
     terminated = truncated = False
     while not (terminated or truncated):
         with torch.no_grad():
             logits, _ = network({name: torch.from_numpy(part)[None] for name, part in observation.items()})
         observation, _, terminated, truncated, info = env.step(network.twists[int(logits.argmax())].numpy())
-    assert (info["end_reason"], info["collisions"]) == ("docked", 0)
+    assert (info["end_reason"], info["collisions"]) == (reason, 0)
 
 
 def test_a_policy_acts_by_twists_of_the_table():
@@ -122,12 +116,3 @@ def test_a_policy_acts_by_twists_of_the_table():
     seen = {name: value[0].numpy() for name, value in sample(policy.observation_space).items()}
     action, _ = policy.predict(seen, deterministic=True)
     assert (np.abs(TWISTS - action).max(axis=1) == 0).any()
-
-
-def test_ppo_chooses_among_trajectories_where_it_sees_them(tmp_path):
-    environment = {"id": "lidarnaut/ReachCrowd-v0", "people": 3, "num_workers": 0, "time_limit": 2.0}
-    environment["observations"] = ["trajectories", "goal", "motion", "limits"]
-    evaluation = {"every": 16, "episodes": 1, "references": []}
-    config = tiny("PPO", "ReachCrowd", environment=environment, network={"width": 8}, evaluation=evaluation)
-    run = train(config, run=tmp_path / "run", progress=False)
-    assert [row["steps"] for row in curve_of(read_evaluations(run))] == [16]
