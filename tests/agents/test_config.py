@@ -40,7 +40,6 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path):
         ("algorithm", "SCA", r"algorithm: unknown algorithm 'SCA' \(did you mean 'SAC'\?\)"),
         ("algorithm", "evolutionn", r"unknown algorithm 'evolutionn' \(did you mean 'evolution'\?\)"),
         ("algorithm", "evolution", r"unknown key 'total_steps'"),
-        ("algorithm", "sb3_contrib:CrossQ", r"algorithm 'sb3_contrib:CrossQ' has no policy for dictionary obs"),
         ("evaluation.evry", 5, r"unknown key 'evaluation.evry' \(did you mean 'every'\?"),
         ("experiment", "../up", r"experiment: .*pattern"),
         ("environment.vectorization", "fork", r"vectorization: .*'native', 'sync' or 'async', got 'fork'"),
