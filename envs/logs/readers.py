@@ -96,7 +96,7 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> LogContent:
 def _parts(
     kind: str, fields: list[str], field_of_view: float | None
 ) -> tuple[list[str], list[str], list[str], tuple[float, float, float], int]:
-    """Return readings, pose of the base and of the laser, first angle, increment and maximum range, and number of fields."""
+    """Return readings, poses of base and laser, first angle, increment and maximum range, and number of fields."""
     if kind == "ODOM":
         return [], fields[0:3], [], (0.0, 0.0, SICK_MAX_RANGE), 9
     if kind == "FLASER":
