@@ -218,8 +218,9 @@ def test_ctrl_c_saves_and_ends_all_processes(tiny_data, tmp_path):
     while not any(checkpoints()) and time.monotonic() < end:
         time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)
-    assert process.wait(30) == 130
+    status = process.wait(30)
     reader.join(10)
+    assert status == 130, lines
     assert "stopped at step" in lines[-1]
     assert "--resume" in lines[-1]
     assert not any("Traceback" in line for line in lines)
