@@ -28,8 +28,8 @@ from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.envs.command_line import begin_command, fail, parse_options, show_log
 from lidarnaut.envs.files import naming, own_folder, read_record
 
-STORED = "of the folder"
-"""Stands for the policies of `--report` alone."""
+FINISHED = Settings(policies=("of the folder",))
+"""Settings of `--report` alone."""
 
 
 @dataclass(frozen=True)
@@ -64,31 +64,15 @@ class Command:
 
 def main(arguments: list[str] | None = None) -> int:
     """Read the command line, evaluate and publish; return the exit status."""
-    arguments = said = begin_command(arguments)
+    arguments = begin_command(arguments)
     show_log("lidarnaut.agents")
     messages = Console(stderr=True)
-    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--config")
-    first.add_argument("--policies")
-    first.add_argument("--report", action="store_true")
-    known = first.parse_known_args(arguments)[0]
     command: Command | None = None
     try:
-        settings: Any = tyro.MISSING
-        is_finished = known.report and known.config is known.policies is None
-        if is_finished:
-            settings = Settings(policies=(STORED,))
-        elif known.config is not None:
-            settings = read_record(find_configuration(known.config, "policies"), Settings)
-        default = Command(settings, out=tyro.MISSING)
-        arguments, further = split_arguments(arguments)
-        command = parse_options(Command, arguments, default=default, description=__doc__)
-        if further:
-            further = {**command.settings.arguments, **further}
-            command = replace(command, settings=command.settings.model_copy(update={"arguments": further}))
+        command = read_command(arguments)
         evaluation: Evaluation | FinishedEvaluation
-        if is_finished:
-            if command.settings != settings or command.shard:
+        if command.settings.policies == FINISHED.policies:
+            if command.settings != FINISHED or command.shard:
                 raise ValueError("--report without --policies shows all results of the folder, and takes no settings")
             evaluation = FinishedEvaluation(command.out)
         else:
@@ -107,7 +91,7 @@ def main(arguments: list[str] | None = None) -> int:
         if command.shard is not None:
             messages.print(f"Shard {command.shard} is done; run the same command without --shard to publish.")
             return 1 if failures else 0
-        publish(evaluation, shown_command(said, command), command.publish, command.reference)
+        publish(evaluation, shown_command(arguments, command), command.publish, command.reference)
     except KeyboardInterrupt:
         messages.print("Interrupted. Finished episodes are kept; run the same command to resume.")
         return 130
@@ -118,6 +102,24 @@ def main(arguments: list[str] | None = None) -> int:
         return fail(error)
     print_results(evaluation, messages, command.reference)
     return 1 if evaluation.missing() else 0
+
+
+def read_command(arguments: list[str]) -> Command:
+    """Parse a command line; options replace the settings of `--config`. With `--report` alone, these are `FINISHED`."""
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    first.add_argument("--config")
+    first.add_argument("--policies")
+    first.add_argument("--report", action="store_true")
+    known = first.parse_known_args(arguments)[0]
+    settings: Any = tyro.MISSING
+    if known.config is not None:
+        settings = read_record(find_configuration(known.config, "policies"), Settings)
+    elif known.report and known.policies is None:
+        settings = FINISHED
+    words, further = split_arguments(arguments)
+    command = parse_options(Command, words, default=Command(settings, out=tyro.MISSING), description=__doc__)
+    further = {**command.settings.arguments, **further}
+    return replace(command, settings=command.settings.model_copy(update={"arguments": further}))
 
 
 def split_arguments(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:

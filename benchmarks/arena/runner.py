@@ -40,6 +40,14 @@ def _blaming(culprit: str) -> Iterator[None]:
         raise ValueError(f"{culprit}: {explain_fault(error)}") from error
 
 
+def _parse_shard(shard: str | None) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)/(\d+)", "1/1" if shard is None else shard)
+    number, total = map(int, match.groups()) if match else (0, 0)
+    if not 1 <= number <= total:
+        raise ValueError(f"shard must be I/N with I from 1 to N, such as 2/4, got {shard!r}")
+    return number, total
+
+
 class Evaluation:
     """Evaluation of policies with results in a folder. An incomplete evaluation in the folder is resumed."""
 
@@ -64,10 +72,7 @@ class Evaluation:
             ValueError: if a name is unknown, a robot does not fit, or the folder holds another evaluation.
             lidarnaut.agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
         """
-        match = re.fullmatch(r"(\d+)/(\d+)", "1/1" if shard is None else shard)
-        number, total = map(int, match.groups()) if match else (0, 0)
-        if not 1 <= number <= total:
-            raise ValueError(f"shard must be I/N with I from 1 to N, such as 2/4, got {shard!r}")
+        number, total = _parse_shard(shard)
         self.settings, self.folder = settings, folder
         trust = {*trust, *named_code(settings.model_dump())}
         self._shard = f"{number}of{total}" if total > 1 else ""

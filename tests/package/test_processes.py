@@ -7,12 +7,11 @@ import time
 import pytest
 
 POOL = """
-import multiprocessing, os, time
-from concurrent.futures import ProcessPoolExecutor
-from lidarnaut.envs.processes import start_worker
+import os, time
+from lidarnaut.agents.pools import make_pool
 
 if __name__ == "__main__":
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), start_worker) as pool:
+    with make_pool(1) as pool:
         print(pool.submit(os.getpid).result(), flush=True)
         pool.submit(time.sleep, 600).result()
 """
