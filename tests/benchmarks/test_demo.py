@@ -25,7 +25,9 @@ def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkey
     describe = "lidarnaut.benchmarks.demo.describe_learning"
     monkeypatch.setattr(describe, lambda rows, task: f"{task}: {len(rows)} evaluations.")
     short = {"episodes": 1, "time_limit": 3.0}
-    scenes = [(scene, settings.model_copy(update=short)) for scene, settings in read_configs()[1]]
+    shipped, scenes = read_configs()
+    assert shipped.total_steps % shipped.evaluation.every == 0  # it ends with an evaluation
+    scenes = [(scene, settings.model_copy(update=short)) for scene, settings in scenes]
     folder = tmp_path / "demo"
     folder.mkdir()
     (folder / "half").write_text("of an earlier demo")
@@ -42,11 +44,6 @@ def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkey
         assert (folder / re.search(rf'href="({scene.name}/[^"]+)"', report)[1]).exists()
         summary = json.loads((folder / scene.name / "summary.json").read_text())
         assert list(summary) == [name.partition("=")[0] for name in settings.policies]
-
-
-def test_the_demo_ends_with_an_evaluation():
-    config, _ = read_configs()
-    assert config.total_steps % config.evaluation.every == 0
 
 
 def test_the_sentence_names_the_success_of_ppo_and_of_the_classic_policies():

@@ -146,7 +146,7 @@ def test_times_stay_under_their_cells_when_a_redrawn_map_has_other_borders():
     np.testing.assert_array_equal(recorder._known_since, [[1.0, 2.0], [3.0, np.inf]])
 
 
-def test_a_folder_alone_is_reported_with_its_conditions(tmp_path, capsys):
+def test_a_folder_alone_is_reported_with_its_conditions(tmp_path, capsys, no_overview):
     options = ["--policies", "random", "nearest", "--worlds", WORLD, *BRIEF, "--out", str(tmp_path)]
     assert main([*options, "--people", "2?attentive=0.5"]) == 0
     first = (tmp_path / "leaderboard.md").read_text()
