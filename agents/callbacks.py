@@ -21,6 +21,7 @@ from lidarnaut.agents.run_folder import BEST, find_checkpoint, list_checkpoints,
 from lidarnaut.agents.state import capture
 from lidarnaut.agents.trust import named_code, resuming
 from lidarnaut.envs.files import write_file
+from lidarnaut.envs.processes import interrupts_delayed
 from lidarnaut.envs.progress import Progress
 
 LOGGER = logging.getLogger(__name__)
@@ -63,10 +64,11 @@ class RunCallback(BaseCallback):
         if latest is not None and latest.record.steps != self._saved_steps:
             if self._replay is not None:
                 latest.record.replay = self._replay.write(latest.record.steps // self._config.num_envs)
-            save_checkpoint(latest, self._run, self._config.checkpoints.keep)
+            with interrupts_delayed():  # a checkpoint that is written counts as saved
+                save_checkpoint(latest, self._run, self._config.checkpoints.keep)
+                self._saved_steps = latest.record.steps
             if self._replay is not None:
                 self._replay.prune(self._run)
-            self._saved_steps = latest.record.steps
         if self._saved_steps is None:
             return "before the first step"
         return f"at step {self._saved_steps} (saved); resume with {resuming(self._run, self._config.model_dump())}"

@@ -64,22 +64,30 @@ def interrupts_held() -> Iterator[None]:
 
 @contextlib.contextmanager
 def interrupts_delayed() -> Iterator[None]:
-    """Context manager that delays the first Ctrl-C to the end of its block: interrupts may crash Numba."""
+    """Context manager that delays the first Ctrl-C to the end of its block: interrupts may crash Numba.
+
+    Where Ctrl-C is ignored, as in background jobs of a script, it delays SIGTERM, which ends these.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     # `signal.getsignal` takes 10 us to convert each handler to an enumeration.
-    before = _signal.getsignal(signal.SIGINT)
-    if before is None or threading.current_thread() is not threading.main_thread():
+    awaited, before = signal.SIGINT, _signal.getsignal(signal.SIGINT)
+    if before == signal.SIG_IGN:
+        awaited, before = signal.SIGTERM, _signal.getsignal(signal.SIGTERM)
+    if before is None:
         yield
         return
     came = []
 
     def note(number: int, _: object) -> None:
         came.append(number)
-        _signal.signal(signal.SIGINT, before)
+        _signal.signal(awaited, before)
 
-    _signal.signal(signal.SIGINT, note)
+    _signal.signal(awaited, note)
     try:
         yield
     finally:
-        _signal.signal(signal.SIGINT, before)
+        _signal.signal(awaited, before)
         if came:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(awaited)

@@ -5,6 +5,7 @@ import os
 import platform
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -15,9 +16,10 @@ import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from lidarnaut.agents import callbacks
 from lidarnaut.agents import evaluation as evaluation_module
 from lidarnaut.agents.callbacks import RunCallback
-from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.checkpoint import load_checkpoint, save_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import curve_of, read_evaluations
 from lidarnaut.agents.evaluation import Evaluator
@@ -25,7 +27,9 @@ from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, new_r
 from lidarnaut.agents.state import is_finite
 from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_vec_env
+from lidarnaut.envs.command_line import _interrupt
 from lidarnaut.envs.files import Lock, LockedError, dump_record, parse_record, read_json, read_record
+from lidarnaut.envs.processes import interrupts_delayed
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.train_command import main
 from tests.agents.fake_env import ID
@@ -87,6 +91,33 @@ def test_the_untrained_policy_is_evaluated_with_a_prior_or_if_asked_for(prior, a
     assert int(find_checkpoint(run, "best").name[5:]) in evaluated_steps(run)
     steps = [event.step for event in read_scalars(run, "train/loss")]
     assert steps == sorted(set(steps))
+
+
+def test_ctrl_c_while_a_checkpoint_is_written_waits_for_its_end(tiny_data, tmp_path, monkeypatch):
+    def interrupted(checkpoint, *args):
+        folder = save_checkpoint(checkpoint, *args)
+        if checkpoint.record.steps:
+            signal.raise_signal(signal.SIGINT)
+        return folder
+
+    monkeypatch.setattr(callbacks, "save_checkpoint", interrupted)
+    with pytest.raises(KeyboardInterrupt, match=r"at step \d{3} \(saved\)"):
+        train(changed(tiny_data, total_steps=512), run=tmp_path / "run", progress=False)
+
+
+def test_sigterm_waits_for_the_end_of_a_step_where_ctrl_c_is_ignored():
+    """As in background jobs of a script; SIGTERM then ends a command by KeyboardInterrupt."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN), signal.signal(signal.SIGTERM, _interrupt)
+    reached = []
+    try:
+        with pytest.raises(KeyboardInterrupt), interrupts_delayed():
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGTERM)
+            reached.append(True)
+    finally:
+        signal.signal(signal.SIGINT, before[0])
+        signal.signal(signal.SIGTERM, before[1])
+    assert reached
 
 
 def test_without_a_terminal_each_update_has_a_line_and_validations_have_a_bar(tiny_data, tmp_path, capsys):
