@@ -109,11 +109,16 @@ def test_sigterm_waits_for_the_end_of_a_step_where_ctrl_c_is_ignored():
     """As in background jobs of a script; SIGTERM then ends a command by KeyboardInterrupt."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN), signal.signal(signal.SIGTERM, _interrupt)
     reached = []
-    try:
-        with pytest.raises(KeyboardInterrupt), interrupts_delayed():
+
+    def step():
+        with interrupts_delayed():
             signal.raise_signal(signal.SIGINT)
             signal.raise_signal(signal.SIGTERM)
             reached.append(True)
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            step()
     finally:
         signal.signal(signal.SIGINT, before[0])
         signal.signal(signal.SIGTERM, before[1])
