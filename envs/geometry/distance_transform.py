@@ -1,7 +1,6 @@
 """Euclidean distance transforms of occupancy rasters."""
 
 import numpy as np
-from scipy import ndimage
 
 from lidarnaut.envs.compilation import njit
 
@@ -50,10 +49,45 @@ def squared_distances(occupied, reach):
     return squared
 
 
-def deepest_cell(area: np.ndarray) -> tuple[int, int]:
+@njit(cache=True, error_model="numpy")
+def deepest_cell(area):
     """Return the cell (row, column) of an area that is farthest from all cells outside the area.
 
-    `area`: shape (height, width), bool, with a cell outside. Space beyond the array does not count as outside.
+    `area`: shape (height, width), bool. Space beyond the array does not count as outside. Distance transform of
+    Meijster, Roerdink and Hesselink (2000).
     """
-    row, col = np.unravel_index(ndimage.distance_transform_edt(area).argmax(), area.shape)
-    return int(row), int(col)
+    height, width = area.shape
+    # Distance to the nearest cell outside in the same column, or `nowhere`.
+    nowhere = height + width
+    down = np.empty((height, width), dtype=np.int32)
+    for row in range(height):
+        above = down[max(row - 1, 0)]
+        for col in range(width):
+            longer = min(above[col] + 1, nowhere) if row > 0 else nowhere
+            down[row, col] = longer if area[row, col] else 0
+    for row in range(height - 2, -1, -1):
+        for col in range(width):
+            down[row, col] = min(down[row, col], down[row + 1, col] + 1)
+    # Lower envelope of parabolas along a row: columns, and where each begins.
+    lowest, begins = np.empty(width, dtype=np.int64), np.empty(width, dtype=np.int64)
+    greatest, at_row, at_col = -1, 0, 0
+    for row in range(height):
+        depths, last = down[row], -1
+        for col in range(width):
+            depth, begin = depths[col], 0
+            while last >= 0:
+                other, first = lowest[last], begins[last]
+                if (first - other) ** 2 + depths[other] ** 2 <= (first - col) ** 2 + depth**2:
+                    begin = (col**2 - other**2 + depth**2 - depths[other] ** 2) // (2 * (col - other)) + 1
+                    break
+                last -= 1
+            if begin < width:
+                last += 1
+                lowest[last], begins[last] = col, begin
+        for col in range(width - 1, -1, -1):
+            squared = (col - lowest[last]) ** 2 + depths[lowest[last]] ** 2
+            if squared > greatest or (squared == greatest and row == at_row):
+                greatest, at_row, at_col = squared, row, col
+            if col == begins[last]:
+                last -= 1
+    return at_row, at_col
