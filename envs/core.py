@@ -20,21 +20,20 @@ from lidarnaut.envs.arguments import (
     read_options,
 )
 from lidarnaut.envs.episode_worlds import EpisodeWorlds
-from lidarnaut.envs.estimation import Belief, DeadReckoning
+from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.files import explain_unknown, resolve
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import PEOPLE
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import Observations, Tracks, make_parts, reset_parts, write_entries
-from lidarnaut.envs.overrides import overridden, shadowed
-from lidarnaut.envs.period import TIME_TOLERANCE, Period, robots_info
+from lidarnaut.envs.period import TIME_TOLERANCE, Period, robots_info, why_not_fused
 from lidarnaut.envs.randomization import Randomization, Ranges
 from lidarnaut.envs.rendering.overlay import Overlay
 from lidarnaut.envs.rendering.scene import Scene, scene_of
-from lidarnaut.envs.robot import GroundTruth, Robot, reset_robots
+from lidarnaut.envs.robot import GroundTruth, Robot, reset_robots, start_tracking
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.sensor import Measured, make_sensors, reset_sensors
-from lidarnaut.envs.simulation import KinematicSimulator, Mover, Reading, Twist, make_simulator
+from lidarnaut.envs.simulation import Mover, Reading, Twist, make_simulator
 from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
 from lidarnaut.envs.task import DEFAULT_TIME_LIMIT, Brief, Quantities
@@ -128,13 +127,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Callback of recorders: None after a reset, the commanded twists after each control period."""
         self._time_limit, self.clip_actions = time_limit, clip_actions
         self.sensors = make_sensors(sensors)
-        self._make_spaces(observations)
-        self._prepare_for_people(people, track_people)
+        self._make_parts(observations, people, track_people)
         self._worlds, self.has_begun = EpisodeWorlds(self.task), False
         self._blank, self.fixed_info = dict[str, Any](), fixed_info
         self.period = Period(self, CollisionMonitor(self.robot_params, period) if collision_monitor else None, cost)
 
-    def _make_spaces(self, observations: Observations | None) -> None:
+    def _make_parts(self, observations: Observations | None, people: PeopleLike, track_people: bool | None) -> None:
         task, shape = self.task, (self.task.num_robots, 2) if self.task.is_team else (2,)
         measured = {sensor.name: partial(Measured, sensor) for sensor in self.sensors}
         chosen = task.default_observations() if observations is None else observations
@@ -143,16 +141,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.observation_space: Any = batch_space(space, task.num_robots) if task.is_team else space
         self.action_space = spaces.Box(-1.0, 1.0, shape, np.float32)
         self.uses_ground_truth |= any(getattr(part, "uses_ground_truth", False) for part in self.parts.values())
-
-    def _prepare_for_people(self, people: PeopleLike, wanted: bool | None) -> None:
         if people is not None:
-            self.task.measures = (*self.task.measures, *PEOPLE)
-        has_people = self.simulator.crowd.params is not None
-        wanted = any(isinstance(part, Tracks) for part in self.parts.values()) or wanted
-        for robot in self.robots:
-            is_useful = has_people and not isinstance(robot.estimator, DeadReckoning)
-            if wanted or (wanted is None and is_useful):
-                robot.track_people()
+            task.measures = (*task.measures, *PEOPLE)
+        track_people = any(isinstance(part, Tracks) for part in self.parts.values()) or track_people
+        start_tracking(self.robots, self.simulator.crowd.params is not None, track_people)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -275,17 +267,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     @property
     def why_not_fused(self) -> str:
         """Reason why one kernel call cannot step many copies of this environment; empty if it can."""
-        owned = self, self.period, self.simulator, *self.robots
-        used = self.task, self.task.rewards, *self.parts.values()
-        for one, own in [*zip(owned, map(overridden, owned)), *zip(used, map(shadowed, used))]:
-            if own:
-                return f"{type(one).__name__} overrides {own[0]}"
-        if self.fixed_info:
-            return "fixed_info adds entries of the last step to every info"
-        if self.robot_params.lidar.scan_time:
-            return "scans of a lidar that spins are deskewed in Python"
-        physics = type(self.simulator)
-        return "" if physics is KinematicSimulator else f"{physics.__name__} steps in Python"
+        return why_not_fused(self)
 
     @property
     def is_over(self) -> tuple[bool, bool]:

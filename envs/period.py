@@ -24,11 +24,11 @@ from lidarnaut.envs.columns import SCALARS, Arrays, Records
 from lidarnaut.envs.estimation import DeadReckoning
 from lidarnaut.envs.navigation.controllers.collision_monitor import CollisionMonitor
 from lidarnaut.envs.observations import writes_rows
-from lidarnaut.envs.overrides import overridden
+from lidarnaut.envs.overrides import overridden, shadowed
 from lidarnaut.envs.robot import REMEMBER_TRUE, SCAN
 from lidarnaut.envs.robot_rows import RobotRows, put, repeat
 from lidarnaut.envs.sensor import measure_all
-from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.simulation import KinematicSimulator, Twist
 from lidarnaut.envs.simulation.records import ROW
 from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.task import total
@@ -179,6 +179,21 @@ class Period:
             robot.pyramid.mark(x, y)
         self.finish(0)
         return result
+
+
+def why_not_fused(env: Any) -> str:
+    """Return why one kernel call cannot step many copies of an environment; empty if it can."""
+    owned = env, env.period, env.simulator, *env.robots
+    used = env.task, env.task.rewards, *env.parts.values()
+    for one, own in [*zip(owned, map(overridden, owned)), *zip(used, map(shadowed, used))]:
+        if own:
+            return f"{type(one).__name__} overrides {own[0]}"
+    if env.fixed_info:
+        return "fixed_info adds entries of the last step to every info"
+    if env.robot_params.lidar.scan_time:
+        return "scans of a lidar that spins are deskewed in Python"
+    physics = type(env.simulator)
+    return "" if physics is KinematicSimulator else f"{physics.__name__} steps in Python"
 
 
 def _quantities(env: Any) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarnaut.envs.estimation import NO_UPDATE, Belief, Estimator
+from lidarnaut.envs.estimation import NO_UPDATE, Belief, DeadReckoning, Estimator
 from lidarnaut.envs.estimation.belief import check_belief
 from lidarnaut.envs.estimation.map_pyramid import MapPyramid
 from lidarnaut.envs.estimation.scan_points import BODY_MARGIN, ScanGeometry, are_on_bodies, as_bodies, scan_ends
@@ -273,6 +273,13 @@ class GroundTruth:
         """Append the true position to the path if far enough from the last path point."""
         if self.trail.append(self.state.pose):
             self._rows.numbers["true_trail"][self._index] = self.trail.last
+
+
+def start_tracking(robots: Sequence[Robot], has_people: bool, track_people: bool | None) -> None:
+    """Let robots track people; None: those with a map, if the simulation has people."""
+    for robot in robots:
+        if track_people or (track_people is None and has_people and not isinstance(robot.estimator, DeadReckoning)):
+            robot.track_people()
 
 
 def reset_robots(

@@ -57,6 +57,14 @@ def test_people_stay_out_of_maps_and_who_was_drawn_before_fades():
     assert ghosts[True] < 0.05 * ghosts[False]
 
 
+def test_people_are_tracked_by_robots_with_a_map_unless_it_is_refused():
+    tracks = {("hector", None): True, ("odometry", None): False, ("hector", False): False, ("odometry", True): True}
+    for (slam, wanted), expected in tracks.items():
+        arguments = {"people": 2, "physics": "kinematic", "slam": slam, "track_people": wanted}
+        env = gymnasium.make("lidarnaut/ReachGoal-v0", **arguments).unwrapped
+        assert (env.robots[0].tracker is not None) == expected
+
+
 def count_ghosts(env):
     grid = env.belief.grid
     x, y = env.map_pose.transform(grid.centers(np.argwhere(grid.data > 50))).T

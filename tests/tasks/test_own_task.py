@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 from lidarnaut import register
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.task import Task
 from lidarnaut.envs.tasks.starts import UnknownWorldTask
 from tests.rollouts import step_both
 from tests.rooms import BURGER, make_room
@@ -94,7 +95,7 @@ def test_time_contact_and_speed_are_rewarded_without_a_method_for_300_s():
     room = make_room(0.0, 0.0, 3.0, 2.0, spawn=Pose2D(2.8, 1.0, 0.0))
     env = LidarEnv(Stay, physics="kinematic", world=room, start="spawn", robot=BURGER)
     env.reset(seed=0)
-    assert env.time_limit == 300.0
+    assert env.time_limit == Task.reset(env.task, env.simulator, env.robots, env.np_random, {}) == 300.0
     touched = 0
     for _ in range(20):
         *_, info = env.step(np.array([1.0, 0.0], dtype=np.float32))

@@ -192,7 +192,7 @@ def limited(**arguments):
 LIMITS = [(limited, np.int64(3), (), 3), (limited, 9, (), 7), (LidarEnv, 7, [FlattenObservation], 7)]
 
 
-@pytest.mark.parametrize(("make", "limit", "wrappers", "steps"), [*LIMITS, (LidarEnv, -1, (), 10)])
+@pytest.mark.parametrize(("make", "limit", "wrappers", "steps"), [*LIMITS, (LidarEnv, -1, [FlattenObservation], 10)])
 def test_the_number_of_steps_is_limited_by_the_lowest_limit_and_minus_one_is_none(make, limit, wrappers, steps):
     arguments = {"max_episode_steps": limit, "env_wrappers": wrappers, "time_limit": 2.0, **QUICK}
     env = LidarVectorEnv(make, 2, task=Explore, num_workers=1, **arguments)

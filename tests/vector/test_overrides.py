@@ -198,6 +198,14 @@ def test_new_methods_and_other_spaces_leave_an_environment_fast():
     vector.close()
 
 
+def test_a_step_limit_truncates_environments_with_own_methods():
+    vector = LidarVectorEnv(Counted, 1, num_workers=1, max_episode_steps=2, **REACH)
+    vector.reset(seed=0)
+    ends = [np.ravel(vector.step(np.zeros((1, 2)))[2:4]).tolist() for _ in range(2)]
+    assert ends == [[False, False], [False, True]]
+    vector.close()
+
+
 @pytest.mark.parametrize("id", ["ReachGoal", "ExploreFrontiers", "ExploreTeamFrontiers", "ExploreFrontiersAbstract"])
 def test_environments_of_the_package_override_nothing(id):
     env = gymnasium.make(f"lidarnaut/{id}-v0", physics="kinematic").unwrapped
