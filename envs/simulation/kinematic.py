@@ -123,7 +123,7 @@ def step_robots(rows, draws, ranges, segments, circles, magnets, crowd):
         rows[k].draw += 1.0
     if crowd is not None and crowd[0].shape[0] > 0:
         step_people(crowd[0], crowd[1], crowd[2], crowd[3], rows)
-    bodies = circles if crowd is None else with_people(circles, crowd[0], False)
+    bodies = circles if crowd is None else with_people(circles, crowd[0], 0.0)
     num_fixed = bodies.shape[0]
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -137,7 +137,7 @@ def step_robots(rows, draws, ranges, segments, circles, magnets, crowd):
             elif hits[j]:  # contact is mutual
                 peer = j - num_fixed + (j - num_fixed >= k)
                 rows[peer].touched = max(rows[peer].touched, 1.0)
-    seen = circles if crowd is None else with_people(circles, crowd[0], crowd[3][crowd_at.LEGS] > 0.0)
+    seen = circles if crowd is None else with_people(circles, crowd[0], crowd[3][crowd_at.LEGS])
     sense(rows, draws, ranges, segments, seen, magnets)
 
 

@@ -164,7 +164,7 @@ class Simulator(Mover):
             self._spinning.measure(self.rows, world.segments, self._visible_circles(world), deskews=self.deskews)
 
     def _visible_circles(self, world: World) -> np.ndarray:
-        visible: np.ndarray = with_people(world.circles, self.crowd.rows, self.crowd.setup[crowd_at.LEGS] > 0.0)
+        visible: np.ndarray = with_people(world.circles, self.crowd.rows, self.crowd.setup[crowd_at.LEGS])
         return visible
 
     def _reset_world(self) -> World:

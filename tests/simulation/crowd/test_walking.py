@@ -113,7 +113,7 @@ def test_a_route_that_loses_its_length_later_stops_the_person():
 def test_people_are_discs_or_pairs_of_legs():
     people, pillar = people_at([(1.0, 2.0), (3.0, 2.0)]), np.array([(0.0, 0.0, 0.5)])
     people[:, at.HEADING], people[:, at.PHASE] = np.pi / 2, (0.0, np.pi / 2)
-    discs = with_people(pillar, people, False)
+    discs = with_people(pillar, people, 0.0)
     np.testing.assert_array_equal(discs, [*pillar, (1.0, 2.0, 0.3), (3.0, 2.0, 0.3)])
     legs = [(1.1, 2.0, 0.06), (0.9, 2.0, 0.06), (3.1, 1.825, 0.06), (2.9, 2.175, 0.06)]
-    np.testing.assert_allclose(with_people(pillar, people, True), [*pillar, *legs], atol=1e-12)
+    np.testing.assert_allclose(with_people(pillar, people, 1.0), [*pillar, *legs], atol=1e-12)
