@@ -205,6 +205,27 @@ def _judge(track, ranges, lidar, p):
 
 
 @njit(cache=True, error_model="numpy")
+def _start_tracks(state, tracks, clusters, is_taken, moved, p):
+    num_tracks = int(state[NUM_TRACKS])
+    for k in range(clusters.shape[0]):
+        is_person = clusters[k, 4] != SLOPE and clusters[k, 3] >= MIN_BEAMS
+        if is_taken[k] or moved[k] < 0 or not is_person or num_tracks == MAX_TRACKS:
+            continue
+        is_known = False
+        for i in range(num_tracks):
+            gap = math.hypot(tracks[i, X] - clusters[k, 0], tracks[i, Y] - clusters[k, 1])
+            is_known |= gap < max(tracks[i, RADIUS] + clusters[k, 2], 0.7 * MAX_LEG_GAP)
+        if not is_known:
+            place = clusters[k, 0], clusters[k, 1]
+            spread = p.position_std**2, 0.0, SPEED_STD**2
+            first = (clusters[k, 2], 1.0, 0.0, state[TIME], *place, 0.0, state[NUM_BORN], 1.0 * (moved[k] == 1))
+            write_row(tracks[num_tracks], (*place, 0.0, 0.0, *spread, *first))
+            state[NUM_BORN] += 1.0
+            num_tracks += 1
+    state[NUM_TRACKS] = num_tracks
+
+
+@njit(cache=True, error_model="numpy")
 def track_people(ranges, geometry, motion, period, state, tracks, memory, clusters, p):
     """Update all tracks of people with a lidar scan, in place.
 
@@ -249,21 +270,8 @@ def track_people(ranges, geometry, motion, period, state, tracks, memory, cluste
         if track[MISSES] < MAX_MISSES and time - track[SEEN] <= patience + 1e-9:
             write_row(tracks[kept], track)
             kept += 1
-    for k in range(count):
-        if is_taken[k] or moved[k] < 0 or clusters[k, 4] == SLOPE or clusters[k, 3] < MIN_BEAMS or kept == MAX_TRACKS:
-            continue
-        is_known = False
-        for i in range(kept):
-            gap = math.hypot(tracks[i, X] - clusters[k, 0], tracks[i, Y] - clusters[k, 1])
-            is_known |= gap < max(tracks[i, RADIUS] + clusters[k, 2], 0.7 * MAX_LEG_GAP)
-        if not is_known:
-            place = clusters[k, 0], clusters[k, 1]
-            spread = p.position_std**2, 0.0, SPEED_STD**2
-            first = (clusters[k, 2], 1.0, 0.0, time, *place, 0.0, state[NUM_BORN], 1.0 * (moved[k] == 1))
-            write_row(tracks[kept], (*place, 0.0, 0.0, *spread, *first))
-            state[NUM_BORN] += 1.0
-            kept += 1
     state[NUM_TRACKS] = kept
+    _start_tracks(state, tracks, clusters[:count], is_taken, moved, p)
     if num_scans == 0 or time - poses[(num_scans - 1) % len(poses), 3] >= SCAN_INTERVAL - 1e-9:
         write_row(scans[num_scans % len(poses)], ranges)
         write_row(poses[num_scans % len(poses)], (*lidar, time))

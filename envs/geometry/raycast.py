@@ -117,20 +117,18 @@ def cast_rays(x, y, heading, beams, segments, circles, out):
     num_beams = out.shape[0]
     turn = 2.0 * math.pi
     cos0, sin0 = math.cos(heading + beams.angle_min), math.sin(heading + beams.angle_min)
-    cosines, sines = np.empty(num_beams), np.empty(num_beams)
     increment, range_max = beams.angle_increment, beams.range_max
     cos_step, sin_step = math.cos(increment), math.sin(increment)
-    c, s = 1.0, 0.0
+    cosines, sines, c, s = np.empty(num_beams), np.empty(num_beams), 1.0, 0.0
     for k in range(num_beams):
         cosines[k], sines[k] = c, s
         c, s = c * cos_step - s * sin_step, s * cos_step + c * sin_step
         out[k] = np.inf
 
-    num_segments = segments.shape[0]
-    intervals = np.empty((6, num_segments))
+    intervals = np.empty((6, segments.shape[0]))
     _segment_intervals(x, y, cos0, sin0, beams, segments, intervals)
     beams_per_turn = turn / increment
-    for i in range(num_segments):
+    for i in range(segments.shape[0]):
         first, span = intervals[4, i], intervals[5, i]
         if span < 0.0:
             continue

@@ -63,11 +63,10 @@ def resample_scan(
     gap = angles[right] - angles[left]
     share = (wanted - angles[left]) / np.maximum(gap, 1e-12)
     nearest = np.where(share < 0.5, left, right)
-    result = ranges[nearest]
     with np.errstate(invalid="ignore"):
         one = np.abs(ranges[right] - ranges[left]) <= SAME_SURFACE * np.minimum(ranges[left], ranges[right])
         between = (1.0 - share) * ranges[left] + share * ranges[right]
     reach = min(max(own_step, step), 2.0 * step)  # no widening of coarse beams
-    result = np.where(one & (gap < 1.5 * reach) & np.isfinite(between), between, result)
+    result = np.where(one & (gap < 1.5 * reach) & np.isfinite(between), between, ranges[nearest])
     result[np.abs(wanted - angles[nearest]) > 0.51 * reach] = np.nan
     return result.astype(np.float32)
