@@ -95,28 +95,24 @@ def test_a_crop_shows_cells_that_an_update_names(counts, pixels):
     assert (shown != before).any()
 
 
-def test_cells_counted_from_another_origin_are_not_taken_for_others():
-    grid, pose = random_grid(), Pose2D(0.2, 0.1, 0.4)
+@pytest.mark.parametrize(
+    ("names", "shift"),
+    [
+        ([[[70, 60]]], 0.5),  # cells counted from another origin
+        ([NO_CELLS, None, NO_CELLS], 0.0),  # with and without changed cells
+    ],
+)
+def test_a_crop_shows_changes_that_an_update_does_not_name_as_cells(names, shift):
+    grid, pose, window = random_grid(), Pose2D(0.2, 0.1, 0.4), Window(70, 60, 20, 30)
     pyramid = MapPyramid(grid, [])
     crops(pyramid, pose)
-    grid.data[80, 70] = 100
-    cells, origin = np.array([[70, 60]], dtype=np.int32), (grid.origin[0] + 0.5, grid.origin[1] + 0.5)
-    pyramid.update(MapUpdate(NO_CELLS, Window(60, 50, 40, 40), origin=origin, changed_cells=cells))
-    np.testing.assert_array_equal(crops(pyramid, pose), crops(MapPyramid(grid, []), pose))
-
-
-def test_updates_with_and_without_changed_cells_mix():
-    grid, pose = random_grid(), Pose2D(0.2, 0.1, 0.4)
-    pyramid = MapPyramid(grid, [])
-    crops(pyramid, pose)
-    for window, cells in (
-        (Window(80, 70, 1, 1), NO_CELLS),
-        (Window(70, 60, 20, 30), None),
-        (Window(1, 1, 1, 1), NO_CELLS),
-    ):
-        if cells is None:
+    origin = grid.origin[0] + shift, grid.origin[1] + shift
+    for cells in names:
+        is_named = cells is NO_CELLS
+        if not is_named:
             grid.data[window.slices] = 0
-        pyramid.update(MapUpdate(NO_CELLS, window, origin=grid.origin, changed_cells=cells))
+        changed = None if cells is None else np.array(cells, dtype=np.int32)
+        pyramid.update(MapUpdate(NO_CELLS, Window(1, 1, 1, 1) if is_named else window, False, origin, None, changed))
     np.testing.assert_array_equal(crops(pyramid, pose), crops(MapPyramid(grid, []), pose))
 
 

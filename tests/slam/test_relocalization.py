@@ -98,32 +98,29 @@ def test_a_scan_that_fits_ends_the_doubt_but_not_a_loss(grid):
     assert seen == [free, doubt, free, doubt, (None, True, False), doubt, lost, lost, lost]
 
 
-def test_without_odometry_one_scan_that_fits_ends_a_loss(grid):
-    tracker, lost = LocalizationMonitor(LIDAR, has_odometry=False), []
-    for fits in (False, False, None, False, None, True, False):
-        tracker.update(NOTHING, STAY, STAY, fits, grid)
-        lost.append(tracker.is_lost)
-    assert lost == [False, False, False, True, True, False, False]
+CORNER = Pose2D(2.6, -1.6, 0.0)
+BLIND, THERE, ELSEWHERE = (NOTHING, STAY), (scan(CORNER), STAY), (scan(STAY), CORNER)
+"""Scans and poses: no return, and beams through walls, from a corner and at it."""
 
 
-def test_a_robot_that_sees_through_walls_is_lost_however_well_hits_fit(grid):
-    tracker, outside = LocalizationMonitor(LIDAR), Pose2D(2.6, -1.6, 0.0)  # in a corner
-    inside = scan(STAY)
-    lost = []
-    for ranges in [inside] * 2 + [scan(outside)] + [inside] * 6:
-        pose = STAY if ranges is not inside else outside
-        tracker.update(ranges, pose, pose, True, grid)
-        lost.append(tracker.is_lost)
-    assert lost == [False] * 5 + [True] * 4
-
-
-def test_among_people_beams_through_what_the_map_shows_are_no_loss_and_scans_that_fit_end_one(grid):
-    tracker, corner, lost = LocalizationMonitor(LIDAR), Pose2D(2.6, -1.6, 0.0), []
-    tracker.meets_people = True
-    for fits in [True] * 6 + [False] * 3 + [True] * 5:
-        tracker.update(scan(STAY), corner, corner, fits, grid)
-        lost.append(tracker.is_lost)
-    assert lost == [False] * 8 + [True] * 4 + [False] * 2
+@pytest.mark.parametrize(
+    ("flags", "steps", "fits", "lost"),
+    [
+        # Without odometry, one scan that fits ends a loss.
+        ({"has_odometry": False}, [BLIND] * 7, (False, False, None, False, None, True, False), "...XX.."),
+        # A robot that sees through walls is lost, however well hits fit.
+        ({}, [ELSEWHERE] * 2 + [THERE] + [ELSEWHERE] * 6, [True] * 9, ".....XXXX"),
+        # Among people, such beams are no loss, and scans that fit end one.
+        ({"meets_people": True}, [ELSEWHERE] * 14, [True] * 6 + [False] * 3 + [True] * 5, "........XXXX.."),
+    ],
+)
+def test_whether_a_robot_is_lost_by_fits_and_beams(grid, flags, steps, fits, lost):
+    tracker, found = LocalizationMonitor(LIDAR, flags.get("has_odometry", True)), ""
+    tracker.meets_people = flags.get("meets_people", False)
+    for (ranges, pose), fit in zip(steps, fits):
+        tracker.update(ranges, pose, pose, fit, grid)
+        found += "X" if tracker.is_lost else "."
+    assert found == lost
 
 
 def test_a_pose_is_taken_only_where_no_other_one_is_like_it():

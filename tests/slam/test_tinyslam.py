@@ -18,22 +18,6 @@ def test_firm_odometry_is_not_corrected():
     np.testing.assert_allclose(slam.belief.pose, (0.22, 0.0, 0.0), atol=1e-3)
 
 
-def test_belief_is_updated_in_place_and_names_new_cells():
-    slam = make_slam("tinyslam", LIDAR)
-    belief = slam.reset(np.random.default_rng(0))
-    assert (belief.grid.data == -1).all()
-    assert len(belief.update.new_cells) == 0
-    known = np.zeros(belief.grid.data.shape, dtype=bool)
-    for k in range(5):
-        assert slam.update(see(Pose2D(0.3 * k, 0.0, 0.0)), Pose2D(0.3, 0.0, 0.0) if k else STAY) is belief
-        rows, cols = belief.update.new_cells.T
-        assert len(rows) > 0
-        assert not known[rows, cols].any()
-        known[rows, cols] = True
-        np.testing.assert_array_equal(known, belief.grid.data >= 0)
-    assert slam.reset(np.random.default_rng(0)) is not belief
-
-
 def test_scans_are_integrated_when_the_robot_has_moved():
     slam = make_slam("tinyslam?min_travel_distance=0.25,min_travel_angle=0.1,max_tries=1", LIDAR)
     integrated = []
