@@ -38,7 +38,7 @@ FIT_DROP, FIT_RISE = 0.1, 0.1 / 30
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
 
 
-def _mean(shares: deque[float]) -> float:
+def _mean(shares: list[float]) -> float:
     # `sum` rounds differently since Python 3.12.
     return float(np.cumsum(shares)[-1]) / len(shares) if shares else math.nan
 
@@ -96,7 +96,7 @@ class Amcl(Estimator):
     @property
     def fit(self) -> float:
         """Share of beam end points of recent scans near mapped obstacles; NaN before convergence."""
-        return _mean(self._fits)
+        return _mean([fit for fit, _ in self._judged])
 
     @property
     def _has_converged(self) -> bool:
@@ -162,7 +162,7 @@ class Amcl(Estimator):
             if self._rivals is not None:
                 self._compare(self._rivals, ranges)
             self._least_fit = min(max(self._least_fit + FIT_RISE, self.fit - FIT_DROP), params.lost_fit)
-            if len(self._fits) == params.lost_updates and self.fit < self._least_fit:
+            if len(self._judged) == params.lost_updates and self.fit < self._least_fit:
                 self._recover(ranges)
         else:
             self.belief.pose = self._in_map(self._local_pose).compose(moved)
@@ -215,8 +215,8 @@ class Amcl(Estimator):
         self._num_updates = 0
         self._slow = self._fast = 0.0
         self._least_fit = self.params.lost_fit
-        self._fits: deque[float] = deque(maxlen=self.params.lost_updates)
-        self._merits: deque[float] = deque(maxlen=self.params.lost_updates)
+        # Fit, and fit minus the share of beams through mapped obstacles.
+        self._judged: deque[tuple[float, float]] = deque(maxlen=self.params.lost_updates)
         self._scans: deque[tuple[np.ndarray, Pose2D]] = deque(maxlen=self.params.lost_updates)
 
     def _correct(self, ranges: np.ndarray) -> None:
@@ -260,8 +260,8 @@ class Amcl(Estimator):
     def _look_elsewhere(self, ranges: np.ndarray) -> None:
         """Give up the tracked pose if another one explains the scans since the fit fell clearly better."""
         rivals = Rivals(self._tables.field, self.params.lost_updates, MIN_LEAD)
-        first = next(k for k, share in enumerate(self._fits) if share < self.params.lost_fit)
-        for scan, moved in list(self._scans)[first - len(self._fits) :]:
+        first = next(k for k, (fit, _) in enumerate(self._judged) if fit < self.params.lost_fit)
+        for scan, moved in list(self._scans)[first - len(self._judged) :]:
             rivals.add(scan, moved)
         rivals.update(self._local_pose, self.rng, self._tables.area, self._draw_anywhere)
         if len(rivals.poses) > 1:
@@ -281,7 +281,7 @@ class Amcl(Estimator):
         return not tables.is_free[tuple(cells[tables.map.contains(cells)].T)].any()
 
     def _compare(self, rivals: Rivals, ranges: np.ndarray) -> None:
-        tables, is_full, fits = self._tables, len(self._fits) == self._fits.maxlen, self.fit >= self.params.lost_fit
+        tables, is_full, fits = self._tables, len(self._judged) == self._judged.maxlen, self.fit >= self.params.lost_fit
         if len(rivals.poses) <= 1 and not (is_full and (fits or self.params.relocalize)):
             return
         rivals.update(self._local_pose, self.rng, tables.area, self._draw_anywhere)
@@ -305,18 +305,15 @@ class Amcl(Estimator):
             self._rivals = Rivals(tables.field, self.params.lost_updates)
         share, hits = (0.0, 0) if ranges is None or not has_converged else tables.field.fit(ranges, local)
         if ranges is not None and hits >= _MIN_HITS:
-            self._fits.append(share)
-            self._merits.append(share)
-            if share < self.params.lost_fit:
-                self._merits[-1] -= share_crossed(tables.field, ranges, local)
+            crossed = share_crossed(tables.field, ranges, local) if share < self.params.lost_fit else 0.0
+            self._judged.append((share, share - crossed))
         elif ranges is not None and self._has_left():
-            self._fits.append(0.0)
-            self._merits.append(0.0)
+            self._judged.append((0.0, 0.0))
         elif not has_converged:
-            self._fits.clear()
-            self._merits.clear()
+            self._judged.clear()
         belief.is_lost = not (has_converged and self._rivals is None) or (
-            self.fit < self.params.lost_fit and not (self.params.relocalize and _mean(self._merits) >= MIN_MERIT)
+            self.fit < self.params.lost_fit
+            and not (self.params.relocalize and _mean([merit for _, merit in self._judged]) >= MIN_MERIT)
         )
 
     def _in_map(self, local: Pose2D) -> Pose2D:
