@@ -6,9 +6,10 @@ import pytest
 
 from lidarnaut.envs.geometry import UNKNOWN, Pose2D
 from lidarnaut.envs.robots import LidarParams
-from lidarnaut.envs.slam import TinySlamParams
+from lidarnaut.envs.slam import HectorParams, TinySlamParams
 from lidarnaut.envs.slam.grid_map import COUNT_BITS, FULL_OCCUPANCY, MAX_COUNT, GridMap, observe
 from lidarnaut.envs.slam.growing_map import MAX_CELLS
+from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 
 from .reference import LIDAR, ReferenceMap, check_changed_cells, random_scan
 
@@ -58,13 +59,15 @@ def test_map_matches_the_slow_reference(changes):
     np.testing.assert_array_equal(grid_map.grid.data, percent)
 
 
-@pytest.mark.parametrize(
-    "changes", [{}, {"occupancy_estimator": "area"}, {"cell_type": "base", "quality": 0.2}], ids=str
-)
+@pytest.mark.parametrize("changes", [None, {}, {"occupancy_estimator": "area"}, {"cell_type": "base"}], ids=str)
 def test_an_update_names_the_known_cells_that_became_occupied_or_free(changes):
-    grid_map, rng, num_changed = GridMap(TinySlamParams(resolution=0.1, **changes), LIDAR), np.random.default_rng(5), 0
+    rng, num_changed, quality = np.random.default_rng(5), 0, () if changes is None else (0.5,)
+    if changes is None:
+        grid_map = LogOddsMap(HectorParams(resolution=0.1), LIDAR)
+    else:
+        grid_map = GridMap(TinySlamParams(resolution=0.1, **changes), LIDAR)
     for _ in range(8):
-        num_changed += check_changed_cells(grid_map, random_scan(rng), Pose2D(0.1, 0.0, rng.uniform(-3, 3)), 0.9)
+        num_changed += check_changed_cells(grid_map, random_scan(rng), Pose2D(0.1, 0.0, rng.uniform(-3, 3)), *quality)
     assert num_changed > 5
 
 

@@ -8,7 +8,7 @@ from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam import HectorParams
 from lidarnaut.envs.slam.log_odds_map import LOG_ODDS_UNIT, MAX_STAMP, STAMP_BITS, LogOddsMap
 
-from .reference import LIDAR, beams, check_changed_cells, line, random_scan
+from .reference import LIDAR, beams, line, random_scan
 
 SMALL = HectorParams(resolution=1.0, map_width=5.0, map_height=5.0, num_levels=1)
 ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
@@ -53,13 +53,6 @@ def test_every_level_matches_the_slow_reference(skip_exceeding):
         np.testing.assert_allclose(log_odds(grid_map.words[k])[is_known], values[is_known], atol=0.02)
         percent = 100.0 / (1.0 + np.exp(-values[is_known]))
         assert np.abs(grid_map.levels[k][is_known] - percent).max() < 1.0
-
-
-def test_an_update_names_the_known_cells_that_became_occupied_or_free():
-    grid_map, rng, num_changed = LogOddsMap(HectorParams(resolution=0.1), LIDAR), np.random.default_rng(5), 0
-    for _ in range(8):
-        num_changed += check_changed_cells(grid_map, random_scan(rng), Pose2D(0.1, 0.0, rng.uniform(-3, 3)))
-    assert num_changed > 5
 
 
 def observe(cells, scan, bound):
