@@ -103,6 +103,39 @@ def begin(expansion, queue, costs, start, goal):
     counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING], counters[STARTS_INSIDE] = level, 1, 1, starts_inside
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _cheaper_steps(travel, open_weights, node, up, touching, may_touch):
+    """Return the steps that lower a neighbour's path cost, as bits, and whether all nine cells have the same weight.
+
+    `up`: index step to the next row. `may_touch`: whether steps may enter cells in collision, of weight `touching`.
+    """
+    right, here, own, shut = np.uint64(1), travel[node], np.int32(open_weights[node]), np.int32(touching)
+    straight, diagonal = np.int32(STRAIGHT), np.int32(DIAGONAL)
+    a = np.int32(open_weights[node + right])
+    b = np.int32(open_weights[node + up])
+    c = np.int32(open_weights[node - right])
+    d = np.int32(open_weights[node - up])
+    ab = np.int32(open_weights[node + up + right])
+    bc = np.int32(open_weights[node + up - right])
+    cd = np.int32(open_weights[node - up - right])
+    da = np.int32(open_weights[node - up + right])
+    is_uniform = (a == own) & (b == own) & (c == own) & (d == own)
+    is_uniform &= (ab == own) & (bc == own) & (cd == own) & (da == own)
+    if not may_touch:
+        a, b, c, d = a * (a != shut), b * (b != shut), c * (c != shut), d * (d != shut)
+        ab, bc, cd, da = ab * (ab != shut), bc * (bc != shut), cd * (cd != shut), da * (da != shut)
+    # Bits, because branches would be mispredicted.
+    steps = ((a != 0) & (here + a * straight < travel[node + right])) * 1
+    steps |= ((b != 0) & (here + b * straight < travel[node + up])) * 2
+    steps |= ((c != 0) & (here + c * straight < travel[node - right])) * 4
+    steps |= ((d != 0) & (here + d * straight < travel[node - up])) * 8
+    steps |= ((a != 0) & (b != 0) & (ab != 0) & (here + ab * diagonal < travel[node + up + right])) * 16
+    steps |= ((b != 0) & (c != 0) & (bc != 0) & (here + bc * diagonal < travel[node + up - right])) * 32
+    steps |= ((c != 0) & (d != 0) & (cd != 0) & (here + cd * diagonal < travel[node - up - right])) * 64
+    steps |= ((d != 0) & (a != 0) & (da != 0) & (here + da * diagonal < travel[node - up + right])) * 128
+    return steps, is_uniform
+
+
 @njit(cache=True, error_model="numpy")
 def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
     """Continue a grid search until the goal or the path cost `limit` is reached, or the queue is full.
@@ -119,9 +152,7 @@ def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
     level, num_entries, num_waiting = counters[LEVEL], np.uint64(counters[NUM_ENTRIES]), counters[NUM_WAITING]
     starts_inside = counters[STARTS_INSIDE] == 1
     # Unsigned indices avoid checks for negative indices.
-    right, up = np.uint64(1), np.uint64(stride)
-    straight, diagonal = np.int32(STRAIGHT), np.int32(DIAGONAL)
-    shut = np.int32(touching)
+    up = np.uint64(stride)
     row, col = np.int64(0), np.int64(0)
     # Eight entries must be free: growing an array in the loop would be slow.
     while num_waiting > 0 and np.int64(num_entries) + 8 <= queue.shape[0]:
@@ -143,35 +174,13 @@ def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
         if has_goal and row == goal_row and col == goal_col:
             break
         escaping = open_weights[node] == touching or (starts_inside and here == 0)
-        a = np.int32(open_weights[node + right])
-        b = np.int32(open_weights[node + up])
-        c = np.int32(open_weights[node - right])
-        d = np.int32(open_weights[node - up])
-        ab = np.int32(open_weights[node + up + right])
-        bc = np.int32(open_weights[node + up - right])
-        cd = np.int32(open_weights[node - up - right])
-        da = np.int32(open_weights[node - up + right])
-        own = np.int32(open_weights[node])
-        is_uniform = (a == own) & (b == own) & (c == own) & (d == own)
-        is_uniform &= (ab == own) & (bc == own) & (cd == own) & (da == own)
-        if not escaping:
-            a, b, c, d = a * (a != shut), b * (b != shut), c * (c != shut), d * (d != shut)
-            ab, bc, cd, da = ab * (ab != shut), bc * (bc != shut), cd * (cd != shut), da * (da != shut)
-        # Steps that lower a neighbour's cost, as bits, because branches would be mispredicted.
-        steps = ((a != 0) & (here + a * straight < travel[node + right])) * 1
-        steps |= ((b != 0) & (here + b * straight < travel[node + up])) * 2
-        steps |= ((c != 0) & (here + c * straight < travel[node - right])) * 4
-        steps |= ((d != 0) & (here + d * straight < travel[node - up])) * 8
-        steps |= ((a != 0) & (b != 0) & (ab != 0) & (here + ab * diagonal < travel[node + up + right])) * 16
-        steps |= ((b != 0) & (c != 0) & (bc != 0) & (here + bc * diagonal < travel[node + up - right])) * 32
-        steps |= ((c != 0) & (d != 0) & (cd != 0) & (here + cd * diagonal < travel[node - up - right])) * 64
-        steps |= ((d != 0) & (a != 0) & (da != 0) & (here + da * diagonal < travel[node - up + right])) * 128
+        steps, is_uniform = _cheaper_steps(travel, open_weights, node, up, touching, escaping)
         steps &= ONWARD[predecessor[node]] if is_uniform else ALL_STEPS
         while steps:
             k = LOWEST_BIT[steps]
             steps &= steps - 1
             neighbour = np.uint64(np.int64(node) + jumps[k])
-            there = here + np.int32(open_weights[neighbour]) * (straight if k < 4 else diagonal)
+            there = here + np.int32(open_weights[neighbour]) * np.int32(STRAIGHT if k < 4 else DIAGONAL)
             travel[neighbour] = there
             predecessor[neighbour] = k
             if has_goal:
@@ -180,7 +189,7 @@ def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
             bucket = np.uint64((there >> shift) & mask)
             queue[num_entries, 0], queue[num_entries, 1] = neighbour, heads[bucket]
             heads[bucket] = num_entries
-            num_entries += right
+            num_entries += np.uint64(1)
             num_waiting += 1
     return level, np.int64(num_entries), num_waiting
 
