@@ -8,7 +8,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import Navigator, free_distance
 from lidarnaut.envs.navigation.controllers.navigator_kernels import DRIVING, FAILED
 from lidarnaut.envs.navigation.maps.obstacles import BUMP_POINTS
@@ -57,13 +56,6 @@ def begin(robot, points):
     return navigator, wheels
 
 
-def test_scan_ends_lie_where_the_lidar_saw_them():
-    robot = robot_with(mount=Mount(x=0.2, y=-0.1, yaw=math.pi / 2), range_min=0.0)
-    points = [(1.2, -0.1), (0.2, 0.9), (-0.8, -0.1), (0.2, -1.1)]
-    found = begin(robot, points)[0].obstacles
-    assert sorted(map(tuple, found.round(6))) == sorted(points)
-
-
 def test_motion_covers_readings_that_a_policy_skips():
     navigator, wheels = begin(BURGER, [])
     skipped = wheels.drive(0.2, 0.5, []).motion
@@ -104,21 +96,6 @@ def test_a_bump_leaves_an_obstacle_where_the_robot_drove():
         navigator.sense(wheels.drive(0.0, 0.0, [], bumper=True))
         assert len(navigator.obstacles) > 0
         assert (sign * navigator.obstacles[:, 0] > 0.8 * robot.radius).all()
-
-
-def test_a_robot_that_has_turned_in_contact_drives_on_once_it_is_free():
-    """The bumper is pressed in eight headings for half a second each; the robot slips a little in between."""
-    robot = robot_with(range_min=0.3)
-    navigator, wheels = begin(robot, [])
-    for k in range(80):
-        navigator.note_command(Twist(0.0, 1.0))
-        navigator.sense(wheels.drive(0.02, robot.max_w * 0.3, [], bumper=k % 10 < 5))
-    assert len(navigator.obstacles) > 0
-    navigator.drive_to(resample(np.array([[0.0, 0.0], [2.0, 0.0]]), 0.05))
-    for _ in range(150):
-        twist = navigator.command(wheels.pose)
-        navigator.update(wheels.drive(*twist, []), wheels.pose)
-    assert wheels.pose.x > 1.0
 
 
 def test_a_contact_that_lasts_is_marked_once():

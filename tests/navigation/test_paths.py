@@ -102,14 +102,6 @@ def test_a_path_leads_there_and_keeps_away():
     np.testing.assert_array_equal(path, plan_path(costmap, start, goal))
 
 
-def test_unknown_cells_are_crossed_only_where_allowed():
-    data = np.zeros((21, 21), dtype=np.int8)
-    data[:, 10] = -1
-    costmap = make_costmap(OccupancyGrid(data, 0.05, (0.0, 0.0)), CostmapParams(0.05, 0.05))
-    assert plan_path(costmap, (0.1, 0.5), (0.9, 0.5)) is None
-    assert plan_path(costmap, (0.1, 0.5), (0.9, 0.5), allow_unknown=True) is not None
-
-
 def test_a_goal_in_a_wall_is_reached_within_the_tolerance():
     costmap = make_costmap(two_rooms(), PARAMS)
     assert plan_path(costmap, (-0.5, -1.5), (4.97, 0.5)) is None
@@ -129,11 +121,6 @@ def test_a_robot_touching_a_wall_in_its_belief_still_gets_away():
         # Once out of the inscribed radius of the wall, the path stays out.
         out = next(k for k, cost in enumerate(costs) if cost < 253)
         assert max(costs[out:]) < 253
-
-
-def test_a_robot_walled_in_has_no_paths():
-    grid = OccupancyGrid(np.full((9, 9), 100, dtype=np.int8), 0.05, (0.0, 0.0))
-    assert navigation.travel_field(make_costmap(grid, CostmapParams(0.1, 0.1)), (0.2, 0.2)) is None
 
 
 def test_the_cost_of_one_cell_is_that_of_many():
