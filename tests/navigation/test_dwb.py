@@ -97,28 +97,27 @@ def test_path_and_goal_critics_count_cells():
     assert left < right
 
 
-def test_whoever_touches_something_is_out_of_the_question():
-    costs = np.zeros((SIDE, SIDE), dtype=np.uint8)
-    costs[:, MIDDLE + 4 :] = 253
-    costs[:, MIDDLE + 2 : MIDDLE + 4] = 120
-    scores = scores_of([(0.1, 0.0), (0.15, 0.0), (0.3, 0.0)], costs=costs, now=(0.2, 0.0), goal=(MIDDLE, MIDDLE))
-    assert scores[1, critics.BASE_OBSTACLE] == 120
-    assert np.isnan(scores[2]).all()
+WALL, SQUARED = np.zeros((SIDE, SIDE), np.uint8), np.tile((np.arange(SIDE)[::-1] ** 2).astype(np.uint16), (SIDE, 1))
+WALL[:, MIDDLE + 4 :], WALL[:, MIDDLE + 2 : MIDDLE + 4] = 253, 120
+TOUCHED = np.where(SQUARED <= (MIDDLE + 1) ** 2, 253, 0).astype(np.uint8)
+CROSSING = np.array([[0.4, -0.8, 0.0, 0.8, 0.1]])
+"""Person who crosses the path at x = 0.4 m: only a fast trajectory is there at this time."""
 
 
-def test_a_robot_that_touches_something_may_leave_but_not_approach():
-    squared = np.tile((np.arange(SIDE)[::-1] ** 2).astype(np.uint16), (SIDE, 1))
-    costs = np.where(squared <= (MIDDLE + 1) ** 2, 253, 0).astype(np.uint8)
-    scores = scores_of([(0.2, 0.0), (0.0, 0.5), (-0.2, 0.0)], costs=costs, squared=squared, goal=(MIDDLE, 0))
-    assert list(np.isnan(scores[:, critics.BASE_OBSTACLE])) == [True, False, False]
-
-
-def test_who_would_meet_somebody_is_out_of_the_question():
-    # A person crosses the path at x = 0.4 m: only the faster trajectory is there at this time.
-    people = np.array([[0.4, -0.8, 0.0, 0.8, 0.1]])
-    scores = scores_of([(0.4, 0.0), (0.05, 0.0)], people=people, now=(0.4, 0.0))
-    assert list(np.isnan(scores[:, critics.PATH_DIST])) == [True, False]
-    assert not np.isnan(scores_of([(0.4, 0.0)], people=people * (1, 1, 0, 0, 1), now=(0.4, 0.0))).any()
+@pytest.mark.parametrize(
+    ("twists", "situation", "costs"),
+    [
+        ([(0.1, 0.5), (0.1, -0.5)], {"banned": (False, False, True, False)}, [0, math.nan]),
+        ([(0.1, 0.5), (0.1, -0.5)], {"banned": (False, False, False, True)}, [math.nan, 0]),
+        ([(0.15, 0), (0.3, 0)], {"costs": WALL, "now": (0.2, 0.0), "goal": (MIDDLE, MIDDLE)}, [120, math.nan]),
+        # A robot that touches something may leave, but not approach.
+        ([(0.2, 0), (0, 0.5), (-0.2, 0)], {"costs": TOUCHED, "squared": SQUARED}, [math.nan, 253, 0]),
+        ([(0.4, 0), (0.05, 0)], {"people": CROSSING, "now": (0.4, 0.0)}, [math.nan, 0]),
+        ([(0.4, 0)], {"people": CROSSING * (1, 1, 0, 0, 1), "now": (0.4, 0.0)}, [0]),
+    ],
+)
+def test_twists_are_rejected_by_bans_contacts_and_people(twists, situation, costs):
+    np.testing.assert_array_equal(scores_of(twists, **situation)[:, critics.BASE_OBSTACLE], costs)
 
 
 def test_near_the_goal_the_robot_stops_and_then_turns():
@@ -131,12 +130,6 @@ def test_near_the_goal_the_robot_stops_and_then_turns():
     assert math.isnan(standing[0])
     assert standing[1] == pytest.approx(0.2, abs=1e-6)
     assert standing[2] == pytest.approx(1.8, abs=1e-6)
-
-
-@pytest.mark.parametrize(("banned", "turn"), [((False, False, True, False), 0.5), ((False, False, False, True), -0.5)])
-def test_banned_directions_are_out_of_the_question(banned, turn):
-    scores = scores_of([(0.1, turn), (0.1, -turn)], banned=banned)
-    assert list(np.isnan(scores[:, critics.OSCILLATION])) == [False, True]
 
 
 def test_turning_back_is_banned_until_the_robot_has_got_away():

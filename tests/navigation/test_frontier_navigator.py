@@ -31,6 +31,10 @@ def room(width=4.0, height=2.0, *, doors=((2.8, 3.6),)):
     return data
 
 
+CLOSED = np.where(room() < 0, 100, room()).astype(np.int8)
+TURN = 2.0 * math.pi / SPIN_RATE
+
+
 def offered(data, x, y, *, max_candidates=24, theta=0.0, **planning):
     navigator = FrontierNavigator(BURGER, PERIOD, max_candidates=max_candidates, planning=PlanningParams(**planning))
     navigator.begin(reading_of(), Belief(Pose2D(x, y, theta), OccupancyGrid(data, 0.05, (0.0, 0.0))))
@@ -154,11 +158,16 @@ def test_features_say_where_and_since_when():
 
 def test_only_the_candidate_nearest_to_the_last_choice_is_marked():
     robot = Robot(held=True, max_time=2.0, data=room(doors=((1.0, 1.4), (1.6, 2.0), (3.0, 3.6))))
-    robot.decide(1)
+    assert [robot.decide(1) for _ in range(2)] == ["time_up"] * 2
+    assert min(twist.v for twist in robot.commands) >= 0.0  # each drive may stand still for 3 s
     chosen = robot.navigator.target
     gaps = np.hypot(*(robot.navigator.candidates["frontier"] - chosen).T)
     assert robot.navigator.candidates.chosen == gaps.argmin()
     assert gaps.min() <= RETRY_RADIUS
+    robot.navigator.fail()
+    robot.navigator.find_candidates(reading_of(time=robot.time), robot.belief)
+    assert robot.navigator.candidates.last_failed
+    assert robot.navigator.candidates["failures"][gaps.argmin()] == 1
 
 
 def test_a_robot_arrives_and_what_it_cannot_see_there_is_ignored():
@@ -262,19 +271,21 @@ def test_a_frontier_that_is_chosen_late_does_not_fail_at_once():
     assert np.diff([0.0, *times]).min() > 4.0 - PERIOD
 
 
-def test_a_frontier_that_is_gone_ends_the_drive_after_a_second():
-    robot = Robot()
-    data = robot.belief.grid.data
-    robot.change(slice(None), slice(None), np.where(data < 0, 100, data))
-    assert robot.decide() == "frontier_gone"
-    assert robot.time == pytest.approx(1.0 + 2.0 * math.pi / SPIN_RATE, abs=2 * PERIOD)
-
-
-def test_a_path_that_is_closed_fails_when_it_is_planned_anew():
-    robot = Robot()
-    robot.change(slice(36, 38), slice(2, 78), 100)
-    assert robot.decide() == "failed"
-    assert robot.time < 5.0 + 8.0
+@pytest.mark.parametrize(
+    ("data", "is_bumping", "change", "outcome", "least", "most"),
+    [
+        (room(), False, (slice(None), slice(None), CLOSED), "frontier_gone", 1.0 + TURN, 1.0 + TURN + 3 * PERIOD),
+        (room(), False, (slice(36, 38), slice(2, 78), 100), "failed", 4.0, 5.0 + 8.0),  # when it is planned anew
+        (room(), True, None, "failed", 0.0, 20.0),
+        (CLOSED, True, None, "looked_around", 0.0, 20.0),
+    ],
+)
+def test_drives_end_when_frontiers_vanish_paths_close_or_bumps_go_on(data, is_bumping, change, outcome, least, most):
+    robot = Robot(held=is_bumping, bumping=is_bumping, seconds=200.0, data=data)
+    if change is not None:
+        robot.change(*change)
+    assert robot.decide() == outcome
+    assert least - PERIOD <= robot.time <= most
 
 
 def test_a_drive_goes_on_when_the_map_is_corrected():
@@ -311,15 +322,6 @@ def test_a_drive_goes_on_when_the_map_is_corrected():
     robot._seconds = math.inf
     assert robot.drive() == "arrived"
     assert math.dist(belief.pose[:2], navigator.navigator.goal) < 0.3
-
-
-@pytest.mark.parametrize(
-    ("data", "outcome"), [(room(), "failed"), (np.where(room() < 0, 100, room()).astype(np.int8), "looked_around")]
-)
-def test_a_robot_that_is_bumped_again_and_again_gives_up(data, outcome):
-    robot = Robot(held=True, bumping=True, seconds=200.0, data=data)
-    assert robot.decide() == outcome
-    assert robot.time < 20.0
 
 
 def met_at_the_door():

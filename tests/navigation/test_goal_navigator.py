@@ -284,7 +284,7 @@ def test_a_robot_that_gets_nowhere_tries_everything_and_then_gives_up():
 
 
 def test_a_lost_robot_drives_by_the_scan_until_it_is_found():
-    navigator, grid = navigator_to((-4.0, 0.0)), hall()
+    navigator, grid = navigator_to((-4.0, 0.0), lost_patience=1.0), hall()
     ahead = navigator.act(reading_of(), Belief(HERE, grid, is_lost=True))
     # The goal is behind; the scan shows free space ahead.
     assert ahead[0] > 0.0
@@ -292,6 +292,9 @@ def test_a_lost_robot_drives_by_the_scan_until_it_is_found():
     found = navigator.act(reading_of(), Belief(HERE, grid))
     assert found[0] == 0.0
     assert found[1] != 0.0
+    for k in range(15):  # a robot that was localized before is patient
+        navigator.act(reading_of(), Belief(HERE, grid, is_lost=True))
+        assert k in (8, 9, 10) or (navigator.plan is None) == (k > 10)
 
 
 def test_scans_that_do_not_belong_to_the_map_end_lost():
