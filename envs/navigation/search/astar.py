@@ -169,8 +169,7 @@ def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
         if has_goal:
             row, col = np.int64(node // up) - 1, np.int64(node % up) - 1
         if (here + (octile(row - goal_row, col - goal_col) if has_goal else 0)) >> shift != level:
-            # Outdated: a cheaper path has reached the cell.
-            continue
+            continue  # outdated: a cheaper path has reached the cell
         if has_goal and row == goal_row and col == goal_col:
             break
         escaping = open_weights[node] == touching or (starts_inside and here == 0)
