@@ -55,6 +55,11 @@ def observe(word, target):
 
 
 @njit(cache=True, error_model="numpy")
+def _weighted(prob, quality):
+    return round(FULL_OCCUPANCY * (0.5 + (prob - 0.5) * quality))
+
+
+@njit(cache=True, error_model="numpy")
 def smaller_part(offset, c, s):
     """Return the smaller of the two parts of a unit cell cut by a line at `offset` from its centre; 0.5 if none is cut.
 
@@ -68,35 +73,6 @@ def smaller_part(offset, c, s):
 
 
 @njit(cache=True, error_model="numpy")
-def _at_end(x, y, end_x, end_y, row, col):
-    """Return the direction of a beam from (x, y), as cosine and sine, and the part of its last cell behind the end."""
-    reach = math.hypot(end_x - x, end_y - y)
-    c, s = (end_x - x) / reach, (end_y - y) / reach
-    ahead = c * (col + 0.5 - end_x) + s * (row + 0.5 - end_y)
-    part = smaller_part(ahead, s, c)
-    return c, s, 1.0 - part if ahead > 0.0 else part
-
-
-@njit(cache=True, error_model="numpy")
-def _prob_before_end(square, hole, hit_prob, model):
-    if square == 0:
-        return hit_prob
-    if square >= hole * hole:
-        return model.empty_prob
-    ramp = hit_prob * (1.0 - square / (hole * hole))
-    return min(model.empty_prob + ramp, 1.0) if model.add_blur else ramp
-
-
-@njit(cache=True, error_model="numpy")
-def _observe_weighted(word, prob, weight, is_base):
-    if is_base:
-        value = word >> COUNT_BITS if word & MAX_COUNT else FULL_OCCUPANCY // 2
-        value += round(weight * (prob * FULL_OCCUPANCY - value))
-        return (value << COUNT_BITS) | min((word & MAX_COUNT) + 1, MAX_COUNT)
-    return observe(word, round(FULL_OCCUPANCY * (0.5 + (prob - 0.5) * weight)))
-
-
-@njit(cache=True, error_model="numpy")
 def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, cells):
     """Insert a scan into an occupancy grid; return the numbers of new and of changed cells.
 
@@ -107,11 +83,12 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
     """
     (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
     new_cells, changed_cells = cells
+    width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
-    width, num_new, num_changed = words.shape[1], 0, 0
+    num_new = num_changed = 0
     row_0, col_0 = math.floor(y), math.floor(x)
-    settled = round(FULL_OCCUPANCY * (0.5 + (model.empty_prob - 0.5) * quality)) << COUNT_BITS
-    is_plain = not (model.uses_area or model.is_base)
+    passed, occupied = _weighted(model.empty_prob, quality), _weighted(model.occupied_prob, quality)
+    is_plain, settled = not (model.uses_area or model.is_base), passed << COUNT_BITS
     for k in range(ends.shape[0]):
         if math.isnan(ends[k, 0]):
             continue
@@ -123,7 +100,11 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
         base, side = row_0 * width + col_0, SIDE_START
         c, s, hit_prob = 1.0, 0.0, model.occupied_prob
         if model.uses_area:
-            c, s, hit_prob = _at_end(x, y, ends[k, 0], ends[k, 1], row_1, col_1)
+            reach = math.hypot(ends[k, 0] - x, ends[k, 1] - y)
+            c, s = (ends[k, 0] - x) / reach, (ends[k, 1] - y) / reach
+            ahead = c * (col_1 + 0.5 - ends[k, 0]) + s * (row_1 + 0.5 - ends[k, 1])
+            part = smaller_part(ahead, s, c)
+            hit_prob = 1.0 - part if ahead > 0.0 else part
         for step_number in range(length + 1):
             index = np.uint64(base + (side >> 32) * side_step)
             base, side = base + step, side + slope
@@ -131,16 +112,27 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
             if is_plain and step_number < first_special and 0 < word - settled <= MAX_COUNT:
                 flat[index] = min(word + 1, settled + MAX_COUNT)  # the mean of free observations stays
                 continue
-            prob, weight = model.empty_prob, quality
+            target, prob, weight = passed, model.empty_prob, quality
             if step_number >= first_special:
                 square = (int(index) // width - row_1) ** 2 + (int(index) % width - col_1) ** 2
-                prob = _prob_before_end(square, hole, hit_prob, model)
+                if square == 0:
+                    target, prob = occupied, hit_prob
+                elif square < hole * hole:
+                    ramp = hit_prob * (1.0 - square / (hole * hole))
+                    prob = min(model.empty_prob + ramp, 1.0) if model.add_blur else ramp
+                    target = _weighted(prob, quality)
             is_new = word & MAX_COUNT == 0
             if model.uses_area:
                 row, col = int(index) // width, int(index) % width
                 if not (row == row_1 and col == col_1 and ends[k, 2] > 0.0):
                     weight *= smaller_part(c * (row + 0.5 - y) - s * (col + 0.5 - x), c, s)
-            word = _observe_weighted(word, prob, weight, model.is_base)
+                target = _weighted(prob, weight)
+            if model.is_base:
+                value = word >> COUNT_BITS if word & MAX_COUNT else FULL_OCCUPANCY // 2
+                value += round(weight * (prob * FULL_OCCUPANCY - value))
+                word = (value << COUNT_BITS) | min((word & MAX_COUNT) + 1, MAX_COUNT)
+            else:
+                word = observe(word, target)
             percent = ((word >> COUNT_BITS) * 100 + FULL_OCCUPANCY // 2) >> 18
             if is_new:
                 new_cells[num_new, 0] = index
