@@ -81,8 +81,6 @@ def test_windows_give_what_the_whole_map_gives(robot, seed):
             planning.ignore(points)
             ignored = np.concatenate([ignored, points])
         pose = Pose2D(*(grid.origin + rng.uniform(0.0, 5.0, 2)).tolist(), float(rng.uniform(-3.0, 3.0)))
-        for level in range(len(planning.tables)):  # a layer made later misses marks in unknown space
-            planning.layer(level, pose)
         planning.integrate(pose, rng.choice(RANGES, robot.lidar.num_beams), robot.lidar)
         if kind < 0.2:
             planning.mark(pose.transform(rng.uniform(-4.0, 4.0, (3, 2))))

@@ -135,7 +135,6 @@ class PlanningMap:
         top, left = self._corner
         join_cells(self._data, self.block, self.occupancy[top:, left:], window.shifted(-top, -left))
         update_frontier(self.occupancy, self.ignored, self.frontier, self.tile_counts, self._dilated(window, 1))
-        self._known = window.union(self._known)
         self._invalidate(window)
 
     def layer(
@@ -264,6 +263,7 @@ class PlanningMap:
             self._known = Window.spanning(first, last)
 
     def _invalidate(self, window: Window) -> None:
+        self._known = window.union(self._known)  # marks lie in unknown space as well
         for layer in self._layers.values():
             layer.pending = self._dilated(window, layer.tables.inflation).union(layer.pending)
 
