@@ -17,12 +17,17 @@ MAX_LENGTH = 100.0
 MAX_TILT = 0.35
 """Maximum pitch and roll of a mounted lidar [rad]."""
 MAX_BEAMS = 20_000
+MAX_STOPPING_DISTANCE = 1000.0
+"""Upper limit of the distance in which a robot brakes from full speed [m]; paths are tested that far ahead."""
+MAX_ODOMETRY_FACTOR = 2.0
+"""Upper limit of the factor between true and assumed dimensions of the drive, in either direction."""
 
 Positive = Annotated[float, Field(gt=0.0, le=MAX_NUMBER)]
 NotNegative = Annotated[float, Field(ge=0.0, le=MAX_NUMBER)]
 Side = Annotated[float, Field(gt=0.0, le=MAX_LENGTH)]
 Coordinate = Annotated[float, Field(ge=-MAX_LENGTH, le=MAX_LENGTH)]
 Tilt = Annotated[float, Field(ge=-MAX_TILT, le=MAX_TILT)]
+Angle = Annotated[float, Field(ge=-2.0 * math.pi, le=2.0 * math.pi)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=1)]
 NoReturn = Literal["inf", "zero"]
@@ -39,7 +44,7 @@ class Mount(metaclass=Record):
     """Leftward position of the sensor [m]."""
     z: Coordinate = 0.0
     """Height of the sensor above the ground [m]."""
-    yaw: float = 0.0
+    yaw: Angle = 0.0
     """Yaw of the sensor, counter-clockwise [rad]."""
     pitch: Tilt = 0.0
     """Pitch of the sensor [rad]. Positive values tilt the forward view downwards."""
@@ -251,12 +256,12 @@ class ImuParams(metaclass=Record):
     """Whether the robot has a compass."""
     compass_std: NotNegative = 0.0
     """Standard deviation of the compass noise [rad], independent in each control period."""
-    compass_offset: float = 0.0
+    compass_offset: Angle = 0.0
     """Constant error of the compass, such as that of its mounting [rad]."""
     compass_deviation: NotNegative = 0.0
     """Amplitude A of the compass deviation, the error A sin(heading - phase) by magnetic parts of the robot (hard iron)
     [rad]. Magnetic sources of the world are in its world file (`magnets`)."""
-    compass_deviation_phase: float = 0.0
+    compass_deviation_phase: Angle = 0.0
     """Heading in the world frame without deviation [rad]."""
     compass_resolution: NotNegative = 0.0
     """Compass resolution (rounding step) [rad]; 0 for no rounding."""
@@ -308,6 +313,19 @@ class RobotParams(metaclass=Record):
     """Battery, for docking tasks."""
     source: str = ""
     """Sources of the parameter values."""
+
+    def __post_init__(self) -> None:
+        stop = 0.5 * self.max_v**2 / self.max_acc_v
+        if stop > MAX_STOPPING_DISTANCE:
+            speeds = f"max_v {self.max_v:g} m/s and max_acc_v {self.max_acc_v:g} m/s2"
+            raise ValueError(
+                f"{speeds} give a stopping distance of {stop:.3g} m, allowed are {MAX_STOPPING_DISTANCE:g}"
+            )
+        for name in ("wheel_radius", "track"):
+            assumed, true = getattr(self.odometry, name), getattr(self.drive, name)
+            if not 1.0 / MAX_ODOMETRY_FACTOR <= assumed / true <= MAX_ODOMETRY_FACTOR:
+                sizes = f"odometry.{name} is {assumed:g} m and drive.{name} {true:g} m"
+                raise ValueError(f"{sizes}: allowed is a factor of {MAX_ODOMETRY_FACTOR:g}")
 
 
 document_fields(__name__)
