@@ -41,6 +41,25 @@ def server():
         yield server
 
 
+def answering(values):
+    """Return a function that answers each call of a service."""
+
+    def answer(data):
+        fields = {"op": "service_response", "service": data.get("service"), "values": values, "result": True}
+        return fields if data["op"] == "call_service" else None
+
+    return answer
+
+
+@contextlib.contextmanager
+def connected(answer=lambda data: None, *, max_size=2**26, **how):
+    with (
+        contextlib.closing(Recorder(answer, max_size)) as server,
+        contextlib.closing(Rosbridge(server.url, **how)) as bridge,
+    ):
+        yield server, bridge
+
+
 @contextlib.contextmanager
 def commanding(server, **how):
     with contextlib.closing(CommandProcess(CommandTopic(url=server.url, period=0.02, **how))) as commands:
@@ -148,73 +167,27 @@ def test_other_texts_do_not_change_the_type():
         assert not commands.use_type(text)
 
 
-def test_missing_topics_are_named_with_those_of_the_same_type(caplog):
-    def answer(data):
-        if data["op"] == "call_service":
-            values = {"topics": ["/lidar/scan", "/back\x1b[2J"]}
-            return {"op": "service_response", "service": data["service"], "values": values, "result": True}
-        return None
-
-    with contextlib.closing(Recorder(answer)) as server:
-        bridge = Rosbridge(server.url, expected=["/scan"])
-        with contextlib.closing(bridge):
-            bridge.subscribe("/scan", "sensor_msgs/msg/LaserScan", lambda message: None)
-            said = "topics of type sensor_msgs/LaserScan: /lidar/scan, /back\\x1b[2J"
-            wait_for(lambda: bridge.spin() or said in caplog.text)
-    assert "no message on /scan (sensor_msgs/LaserScan) for 3 s" in caplog.text
-
-
-def test_a_topic_is_missed_from_its_subscription_on(caplog, monkeypatch):
-    monkeypatch.setattr(rosbridge, "PATIENCE", 0.3)
-    with (
-        contextlib.closing(Recorder()) as server,
-        contextlib.closing(Rosbridge(server.url, expected=["/odom"])) as bridge,
-    ):
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"topics": ["/lidar/scan", "/back\x1b[2J"]}, "/lidar/scan, /back\\x1b[2J"),
+        ("Service /rosapi/topics_for_type does not exist", "Service /rosapi/topics_for_type does not exist"),
+    ],
+)
+def test_topics_that_are_missing_since_their_subscription_are_named_with_those_of_the_same_type(
+    values, said, caplog, monkeypatch
+):
+    monkeypatch.setattr(rosbridge, "PATIENCE", 1.0)
+    with connected(answering(values), expected=["/scan"]) as (server, bridge):
         wait_for(lambda: not bridge.error)
-        time.sleep(0.4)  # a policy that loads slowly subscribes late
+        time.sleep(1.1)  # a policy that loads slowly subscribes late
         bridge.spin()
-        bridge.subscribe("/odom", "nav_msgs/msg/Odometry", lambda message: None)
+        bridge.subscribe("/scan", "sensor_msgs/msg/LaserScan", lambda message: None)
+        wait_for(lambda: server._subscribers)
         bridge.spin()
         assert "no message" not in caplog.text
-        wait_for(lambda: bridge.spin() or "no message on /odom (nav_msgs/Odometry) for 0.3 s" in caplog.text)
-
-
-def test_messages_say_whether_they_are_latched_and_a_server_that_cannot_name_topics_is_quoted(caplog):
-    def answer(data):
-        if data["op"] == "call_service":
-            values = "Service /rosapi/topics_for_type does not exist"
-            return {"op": "service_response", "service": data["service"], "values": values, "result": False}
-        return None
-
-    with contextlib.closing(Recorder(answer)) as server:
-        bridge = Rosbridge(server.url, expected=["/scan"])
-        with contextlib.closing(bridge):
-            bridge.subscribe("/scan", "sensor_msgs/msg/LaserScan", lambda message: None)
-            bridge.advertise("/map", "std_msgs/msg/Bool", latch=True)
-            bridge.advertise("/plan", "std_msgs/msg/Bool")
-            wait_for(lambda: not bridge.error)
-            for topic in ("/map", "/plan"):
-                bridge.publish(topic, {"data": True})
-            said = "topics of type sensor_msgs/LaserScan: Service /rosapi/topics_for_type"
-            wait_for(lambda: bridge.spin() or said in caplog.text)
-    assert {each["topic"]: each["latch"] for each in server.data if each["op"] == "publish"} == {
-        "/map": True,
-        "/plan": False,
-    }
-
-
-def test_texts_of_a_server_are_escaped_and_said_once(caplog):
-    with contextlib.closing(Recorder()) as server, contextlib.closing(Rosbridge(server.url)) as bridge:
-        wait_for(lambda: not bridge.error and server.sockets)
-        for _ in range(3):
-            server.sockets[0].send(json.dumps({"op": "status", "level": "error", "msg": "no \x1b]0;title"}))
-        server.sockets[0].send(json.dumps({"op": "status", "level": "info", "msg": "hello"}))
-        server.sockets[0].close(1011, "bad \x1b[31m news")
-        wait_for(lambda: bridge.error)
-        bridge.spin()
-    assert caplog.text.count("the rosbridge server says: no \\x1b]0;title") == 1
-    assert "hello" not in caplog.text
-    assert "\x1b" not in caplog.text + bridge.error
+        wait_for(lambda: bridge.spin() or f"topics of type sensor_msgs/LaserScan: {said}" in caplog.text)
+    assert "no message on /scan (sensor_msgs/LaserScan) for 1 s" in caplog.text
 
 
 def test_a_warning_is_given_again_after_a_pause(monkeypatch):
@@ -240,11 +213,13 @@ def test_wrong_messages_are_said_once_whatever_their_numbers(caplog):
             wrong = {"op": "publish", "topic": "/odom", "msg": {"x": -1.5 * k}}
             told = {"op": "status", "level": "warning", "id": k}
             answer = {"op": "service_response", "service": "/rosapi/topic_type", "values": None, "result": False}
-            for data in (wrong, told, told | {"msg": f"{k} \x1b[2J\n" + 10**5 * "x"}, answer, [k], k):
+            info = {"op": "status", "level": "info", "msg": "hello"}
+            for data in (wrong, told, told | {"msg": f"{k} \x1b[2J\n" + 10**5 * "x"}, answer, info, [k], k):
                 bridge._receive(json.dumps(data))
             bridge._receive(b"\xff\xfe%d" % k)
     assert len(caplog.messages) <= 8
     assert max(map(len, caplog.messages)) < 400
+    assert "hello" not in caplog.text
     assert not any("\x1b" in text or "\n" in text for text in caplog.messages)
     for expected in (
         "/odom: messages are dropped: ValueError: x is",
@@ -270,10 +245,10 @@ def test_long_and_many_texts_do_not_keep_the_state_of_the_connection_from_the_dr
         wait_for(lambda: not commands.error)
 
 
-def test_the_size_of_messages_that_wait_is_limited(server, monkeypatch):
+def test_the_size_of_messages_that_wait_is_limited(monkeypatch):
     monkeypatch.setattr(rosbridge, "MAX_SIZE", 10**6)
     received = []
-    with contextlib.closing(Rosbridge(server.url)) as bridge:
+    with connected() as (server, bridge):
         bridge.subscribe("/scan", "x/msg/Y", lambda message: received.append(message.data[0]))
         wait_for(lambda: server._subscribers)
         for k in range(50):
@@ -293,7 +268,7 @@ def test_a_server_that_closes_at_once_is_named_once(caplog, monkeypatch):
 
     def close(socket):
         connections.append(socket)
-        socket.close(4999, f"bye\n{time.monotonic()}")
+        socket.close(4999, f"bye\n\x1b[31m{time.monotonic()}")
 
     server = serve(close, "127.0.0.1", 0, compression=None)
     threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -304,29 +279,33 @@ def test_a_server_that_closes_at_once_is_named_once(caplog, monkeypatch):
     gc.collect()
     said = [record.getMessage() for record in caplog.records if not record.name.startswith("websockets")]
     assert 1 <= len(said) <= 6, said
+    assert "\x1b" not in "".join(said) + bridge.error
     assert "never retrieved" not in caplog.text
 
 
-def test_publishing_never_waits_for_a_server_and_closing_ends_in_time(server):
+def test_publishing_never_waits_for_a_server_and_closing_ends_in_time():
     big = np.zeros(3_000_000, dtype=np.int8)
-    with contextlib.closing(Rosbridge(server.url)) as bridge:
+    with connected() as (server, bridge):
         bridge.advertise("/map", "nav_msgs/msg/OccupancyGrid", latch=True)
         wait_for(lambda: not bridge.error)
         begun = time.process_time()
         for _ in range(200):
             bridge.publish("/map", {"data": big})
         bridge.advertise("/other", "std_msgs/msg/Bool")
-        bridge.publish("/other", {"data": object()})  # is dropped
-        assert sum(map(len, bridge._outgoing.values())) <= 4  # of 203
+        for data in (object(), True):  # the first one is dropped
+            bridge.publish("/other", {"data": data})
+        assert sum(map(len, bridge._outgoing.values())) <= 5  # of 204
         assert time.process_time() - begun < 20.0  # of the newest ones alone
-        wait_for(lambda: any(each["op"] == "publish" for each in server.data), 30.0)
+        wait_for(lambda: {each["topic"] for each in server.data if each["op"] == "publish"} == {"/map", "/other"}, 30.0)
         assert not bridge.error
     assert not bridge._thread.is_alive()
+    sent = {each["topic"]: each["latch"] for each in server.data if each["op"] == "publish"}
+    assert sent == {"/map": True, "/other": False}
 
 
 @pytest.mark.parametrize("size", [10_000, 5_000_000])
 def test_a_topic_that_is_too_large_for_the_server_is_left_out(size, caplog):
-    with contextlib.closing(Recorder(max_size=10_000)) as server, contextlib.closing(Rosbridge(server.url)) as bridge:
+    with connected(max_size=10_000) as (server, bridge):
         bridge.advertise("/map", "nav_msgs/msg/OccupancyGrid", latch=True)
         bridge.advertise("/plan", "nav_msgs/msg/Path")
         wait_for(lambda: not bridge.error)
@@ -357,12 +336,19 @@ def test_large_maps_are_shown_at_a_lower_resolution():
 
 
 @pytest.mark.parametrize("wrong", ["false", 0.0, [False], None, 1])
-def test_only_true_of_the_dead_mans_topic_permits_driving(wrong):
+def test_only_true_of_the_dead_mans_topic_permits_driving(wrong, monkeypatch):
     run = Drive(dead_man="/enable")
+    run.step(3)
+    assert run.session.reason == "/enable is not true"
     for data in (True, wrong):
-        run.topics.publish("/enable", SimpleNamespace(data=data))
-        run.step(3)
+        for _ in range(3):  # the first decision compiles
+            run.topics.publish("/enable", SimpleNamespace(data=data))
+            run.step()
         assert run.session.reason == ("" if data is True else "/enable is not true")
+    run.topics.publish("/enable", SimpleNamespace(data=True))
+    monkeypatch.setattr(drive, "DEAD_MAN_TIME", 0.0)
+    run.step()
+    assert run.session.reason == "/enable is not true"
 
 
 def test_the_robot_stops_while_the_simulated_clock_stands_still():
@@ -378,36 +364,40 @@ def test_the_robot_stops_while_the_simulated_clock_stands_still():
     assert run.session.reason == ""
 
 
-def test_a_disk_that_fails_ends_the_recording_and_not_the_drive(tmp_path, caplog, monkeypatch):
-    run = Drive(record=tmp_path / "drive.mcap", save_map=tmp_path / "map.yaml")
+def test_failures_of_map_and_recording_are_said_once_and_end_neither_drive_nor_close(tmp_path, caplog, monkeypatch):
+    def fail(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(drive, "SAVE_PERIOD", 0.0)
+    run, path = Drive(record=tmp_path / "drive.mcap", save_map=tmp_path / "map.yaml"), tmp_path / "map.yaml"
     run.step(5)
-    monkeypatch.setattr(run.session._recorder._writer, "write", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
-    run.step(10)
+    assert path.exists()
+    path.unlink()
+    with monkeypatch.context() as patched:
+        patched.setattr(drive, "save_map", fail)
+        patched.setattr(run.session._recorder._writer, "write", fail)
+        run.step(10)
     assert run.session.reason == ""
-    assert caplog.text.count("recording: OSError: disk full") == 1
-    with pytest.raises(RuntimeError, match="recording: OSError: disk full"):
+    assert [caplog.text.count(f"{name}: OSError: disk full") for name in ("recording", "map")] == [1, 1]
+    with pytest.raises(RuntimeError, match=r"^recording: OSError: disk full$"):  # there is space for the map again
         run.session.close()
-    assert (tmp_path / "map.yaml").exists()
+    assert path.exists()
 
 
-def test_closing_goes_on_after_a_step_that_fails(tmp_path, monkeypatch):
+def test_a_policy_that_fails_ends_the_drive_with_a_stop_and_what_can_be_written(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError("no space")
+
     run = Drive(record=tmp_path / "drive.mcap", save_map=tmp_path / "map.yaml")
     run.step(5)
-    monkeypatch.setattr(drive, "save_map", lambda *_: (_ for _ in ()).throw(OSError("no space")))
+    monkeypatch.setattr(run.session.driver, "_decide", lambda _: 1 / 0)
+    monkeypatch.setattr(drive, "save_map", fail)
+    with pytest.raises(ZeroDivisionError):
+        run.run(5.0)
     with pytest.raises(RuntimeError, match="map: OSError: no space"):
         run.session.close()
     assert (tmp_path / "drive.mcap").exists()
-    assert run.topics.last["/cmd_vel"]["linear"]["x"] == 0.0
-
-
-def test_a_policy_that_fails_ends_the_drive_with_a_stop_and_the_map(tmp_path, monkeypatch):
-    run = Drive(save_map=tmp_path / "map.yaml")
-    run.step(5)
-    monkeypatch.setattr(run.session.driver, "_decide", lambda _: 1 / 0)
-    with pytest.raises(ZeroDivisionError), contextlib.closing(run.session):
-        run.run(5.0)
     assert run.topics.last["/cmd_vel"]["linear"]["x"] == run.topics.last["/cmd_vel"]["angular"]["z"] == 0.0
-    assert (tmp_path / "map.yaml").exists()
 
 
 def test_a_policy_that_hangs_is_interrupted(monkeypatch):
@@ -465,18 +455,6 @@ program.run_program(main, drive.Options)
 def test_a_thread_of_a_policy_does_not_keep_the_program():
     ended = subprocess.run([sys.executable, "-c", THREAD], capture_output=True, timeout=30.0)
     assert ended.returncode == 3, ended.stderr
-
-
-def test_the_map_is_written_while_driving_and_a_failure_is_said_once(tmp_path, caplog, monkeypatch):
-    monkeypatch.setattr(drive, "SAVE_PERIOD", 0.0)
-    run, path = Drive(save_map=tmp_path / "map.yaml"), tmp_path / "map.yaml"
-    run.step(3)
-    assert path.exists()
-    with monkeypatch.context() as patched:
-        patched.setattr(drive, "save_map", lambda *_: (_ for _ in ()).throw(OSError("no space")))
-        run.step(3)
-    assert caplog.text.count("map: OSError: no space") == 1
-    run.session.close()  # there is space again
 
 
 @pytest.mark.parametrize("jump", [-50.0, 0.0, 50.0])
@@ -537,7 +515,8 @@ def test_a_drive_ends_by_itself(caplog):
     assert run.robot.time < 40.0
 
 
-def test_jumps_of_the_clock_do_not_count_for_the_time_limit():
+def test_jumps_of_the_clock_do_not_count_for_the_time_limit_and_a_stop_whose_numbers_change_is_said_once(caplog):
+    caplog.set_level("INFO")
     run = Drive()
     run.step(6)
     progress, now = run.session._progress, run.session.time
@@ -547,6 +526,9 @@ def test_jumps_of_the_clock_do_not_count_for_the_time_limit():
         now += step
         progress.note(run.session.driver, now)
     assert progress.elapsed == pytest.approx(before + 0.2)
+    run.topics.receivers.pop("/clock")
+    run.step(30)
+    assert caplog.text.count("stopped: the clock of the messages is 1.") == 1
 
 
 def test_the_state_is_said_every_ten_seconds(caplog):
@@ -558,15 +540,6 @@ def test_the_state_is_said_every_ten_seconds(caplog):
     assert len(lines) == 2
     assert "m to the goal 2 0.5" in lines[1]
     assert "1 dropped: imu that is not finite" in lines[1]
-
-
-def test_a_stop_whose_numbers_change_is_said_once(caplog):
-    caplog.set_level("INFO")
-    run = Drive()
-    run.step(3)
-    run.topics.receivers.pop("/clock")
-    run.step(30)
-    assert caplog.text.count("stopped: the clock of the messages is 1.") == 1
 
 
 def test_a_driver_is_imported_on_first_use():
