@@ -96,14 +96,7 @@ class Driver:
         check_positive(control_hz=control_hz, timeout=timeout)
         for scale in odometry_scales:
             check_positive(odometry_scales=scale)
-        if motion not in ("odometry", "encoders"):
-            raise ValueError(f"motion must be 'odometry' or 'encoders', got {motion!r}")
-        if isinstance(policy, PrivilegedPolicy):
-            raise ValueError(f"{type(policy).__name__} uses ground truth, which a robot does not have")
-        if simulated := sorted({"physics", *MessagesMover.ignores} & arguments.keys()):
-            raise TypeError(f"a driver has no arguments {simulated}: they describe a simulation")
-        if not (isinstance(seed, int) and seed >= 0):
-            raise ValueError(f"seed must be a whole number from 0, got {seed!r}")
+        _check_arguments(policy, motion, seed, arguments)
         robot = load_robot(robot)
         if motion == "odometry":
             counts = 2.0 * math.pi * robot.odometry.wheel_radius / TICK
@@ -377,3 +370,14 @@ class Driver:
             if math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= task.heading_tolerance:
                 return "reached"
         return ""
+
+
+def _check_arguments(policy: Any, motion: str, seed: Any, arguments: dict[str, Any]) -> None:
+    if motion not in ("odometry", "encoders"):
+        raise ValueError(f"motion must be 'odometry' or 'encoders', got {motion!r}")
+    if isinstance(policy, PrivilegedPolicy):
+        raise ValueError(f"{type(policy).__name__} uses ground truth, which a robot does not have")
+    if simulated := sorted({"physics", *MessagesMover.ignores} & arguments.keys()):
+        raise TypeError(f"a driver has no arguments {simulated}: they describe a simulation")
+    if not (isinstance(seed, int) and seed >= 0):
+        raise ValueError(f"seed must be a whole number from 0, got {seed!r}")

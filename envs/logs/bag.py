@@ -64,9 +64,7 @@ def read_bag(
         if (mounts := _find_mounts(tree, start, laser_frame or frame, scan_times)) is None or base_frame:
             tree.read(bag, moving)
             mounts = _find_mounts(tree, start, laser_frame or frame, scan_times)
-        for option, name in (("base_frame", base_frame), ("laser_frame", laser_frame)):
-            if name and name not in (base, frame, *tree.frames):
-                raise bag.error(f"{option} {name} is unknown; scans have {frame}, transforms {', '.join(tree.frames)}")
+        _check_frames(bag, {"base_frame": base_frame, "laser_frame": laser_frame}, (base, frame), tree)
         if base_frame and (shift := tree.find(base, base_frame, times)) is not None:
             known = np.isfinite(shift[:, 0, 0])
             times, poses = times[known], compose_poses(poses[known], planar(shift[known]))
@@ -135,6 +133,13 @@ def _read_odometry(
     if not len(times):
         raise bag.error(f"odometry of {edges[0][0]}: no valid pose")
     return times, poses, edges[0][0]
+
+
+def _check_frames(bag: BagReader, named: dict[str, str | None], given: tuple[str, str], tree: FrameTree) -> None:
+    """Raise a BagError if a named frame is neither one of the given ones, of odometry and of scans, nor in the tree."""
+    for option, name in named.items():
+        if name and name not in (*given, *tree.frames):
+            raise bag.error(f"{option} {name} is unknown; scans have {given[1]}, transforms {', '.join(tree.frames)}")
 
 
 def _find_mounts(tree: FrameTree, base: str, frame: str, times: np.ndarray) -> np.ndarray | None:

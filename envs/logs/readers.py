@@ -62,12 +62,8 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> LogContent:
             if not readings:
                 num_empty += kind != "ODOM"
                 continue
-            first, step, limit = beams
-            scan = Scan(np.array(readings, dtype=np.float32), first, step, 0.0, limit, row=len(times) - 1)
-            if np.isnan(scan.ranges).any():
-                raise ValueError(f"beam {int(np.isnan(scan.ranges).argmax())} is NaN")
-            if scans[kind]:
-                _compare(scans[kind][0], scan)
+            scan = Scan(np.array(readings, dtype=np.float32), *beams, row=len(times) - 1)
+            _check(scan, scans[kind])
             scans[kind].append(scan)
         except (ValueError, IndexError, OverflowError) as error:
             raise ValueError(f"{path}, line {number}: bad {kind} line: {error}") from error
@@ -95,15 +91,15 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> LogContent:
 
 def _parts(
     kind: str, fields: list[str], field_of_view: float | None
-) -> tuple[list[str], list[str], list[str], tuple[float, float, float], int]:
-    """Return readings, poses of base and laser, first angle, increment and maximum range, and number of fields."""
+) -> tuple[list[str], list[str], list[str], tuple[float, float, float, float], int]:
+    """Return readings, poses of base and laser, first angle, increment and range limits, and number of fields."""
     if kind == "ODOM":
-        return [], fields[0:3], [], (0.0, 0.0, SICK_MAX_RANGE), 9
+        return [], fields[0:3], [], (0.0, 0.0, 0.0, 0.0), 9
     if kind == "FLASER":
         count = int(fields[0])
         first, step = _flaser_beams(count, field_of_view) if count else (0.0, 0.0)
-        return fields[1 : 1 + count], fields[4 + count : 7 + count], [], (first, step, SICK_MAX_RANGE), count + 10
-    beams, count = (float(fields[1]), float(fields[3]), float(fields[4])), int(fields[7])
+        return fields[1 : 1 + count], fields[4 + count : 7 + count], [], (first, step, 0.0, SICK_MAX_RANGE), count + 10
+    beams, count = (float(fields[1]), float(fields[3]), 0.0, float(fields[4])), int(fields[7])
     after = 9 + count + int(fields[8 + count])
     return fields[8 : 8 + count], fields[after + 3 : after + 6], fields[after : after + 3], beams, after + 14
 
@@ -133,7 +129,12 @@ def _flaser_beams(count: int, field_of_view: float | None) -> tuple[float, float
     return -fov / 2.0, fov / (count if fov > FULL_TURN else gaps)
 
 
-def _compare(first: Scan, scan: Scan) -> None:
+def _check(scan: Scan, earlier: list[Scan]) -> None:
+    if np.isnan(scan.ranges).any():
+        raise ValueError(f"beam {int(np.isnan(scan.ranges).argmax())} is NaN")
+    if not earlier:
+        return
+    first = earlier[0]
     if len(scan.ranges) != len(first.ranges):
         raise ValueError(f"{len(scan.ranges)} beams, earlier scans {len(first.ranges)}; split the log there")
     for name in ("first", "step", "range_max"):
