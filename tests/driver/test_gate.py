@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lidarnaut import make_explorer
 from lidarnaut.driver import Driver
 from lidarnaut.driver.driver import GOAL_REACH
-from lidarnaut.driver.gate import KINDS, ImplausibleError, check_numbers, pose_covariance
+from lidarnaut.driver.gate import KINDS, ImplausibleError, check_numbers
 from lidarnaut.driver.wheels import MOST_MESSAGES
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.localization.amcl import INITIAL_STD
@@ -115,7 +115,7 @@ PERIODS = st.lists(
 
 
 @pytest.mark.parametrize("motion", ["odometry", "encoders"])
-@settings(derandomize=True, max_examples=30, deadline=None)
+@settings(derandomize=True, max_examples=20, deadline=None)
 @given(periods=PERIODS)
 def test_commands_are_finite_and_within_the_limits_after_all_messages(motion, periods):
     """Control periods of a robot that stands still, some with any numbers, then good ones of a robot that drives."""
@@ -262,7 +262,7 @@ PLANAR = COVARIANCE[np.ix_([0, 1, 5], [0, 1, 5])]
     [
         (COVARIANCE.ravel().tolist(), PLANAR),
         (PLANAR, PLANAR),
-        ([0.0] * 36, np.diag(np.square(INITIAL_STD))),
+        (np.diag([0.0, 0.0, 1.0, 1.0, 1.0, 0.0]).ravel(), np.diag(np.square(INITIAL_STD))),
         (None, np.diag(np.square(INITIAL_STD))),
     ],
 )
@@ -308,8 +308,3 @@ def test_wrong_initial_poses_are_refused_and_the_estimate_stays(pose, covariance
     else:
         feed(driver, 0.0)
         assert driver.belief.pose[:2] == pytest.approx((1.0, 0.5), abs=0.05)
-
-
-def test_covariances_of_a_pose_are_of_x_y_and_yaw():
-    np.testing.assert_array_equal(pose_covariance(np.arange(36.0) * 0.0 + np.eye(6).ravel()), np.eye(3))
-    assert pose_covariance(np.diag([0.0, 0.0, 1.0, 1.0, 1.0, 0.0])) is None

@@ -80,7 +80,6 @@ def bomb(first, line, repeats):
         (bomb("{k: 1, l: 2}", "{{<<: [{}]}}", 10), "more than 500,000 values, aliases counted each time"),
         (bomb("{k: 1, l: 2}", "{{<<: [{}]}}", 1000), "more than 500,000 values, aliases counted each time"),
         ("a: " + "[" * 3000 + "]" * 3000, "nested deeper than 50 levels"),
-        ("a: [" + "1," * 500_001 + "]", "more than 500,000 values"),
         ("a: '" + "x" * 9_000_000 + "'", "bytes; at most 8,388,608 are allowed"),
     ],
 )
