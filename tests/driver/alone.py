@@ -13,78 +13,81 @@ import sys
 import tempfile
 import threading
 import time
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from PIL import Image
 
-from lidarnaut.driver.simulated_robot import SimulatedRobot
+from lidarnaut.driver import serve
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.logs import messages
-from lidarnaut.envs.simulation import Twist
 
 from .recorder import Recorder
 
 TIMEOUT = 1.0
 
 
-class Robot:
-    """Simulated robot behind a server, with odometry at 50 Hz and scans at 10 Hz."""
+class Robot(serve.Server):
+    """Simulated robot that is the connection of its own server. `imu`: further messages of the IMU per period."""
 
-    def __init__(self, world="turtlebot3_world", speed=1.0, imu=0):
-        self.server = Recorder()
-        self.robot = SimulatedRobot(world, "turtlebot3_burger", start="spawn")
-        self.speed, self.imu, self.silent, self.sent, self.is_over = speed, imu, set(), 0, False
-        self._thread = threading.Thread(target=self._simulate, daemon=True)
-        self._thread.start()
+    def __init__(self, imu=0, **options):
+        self.recorder, self.silent, self.imu, self.sent, self._taken = Recorder(), set(), imu, 0, 0
+        how = {"world": "turtlebot3_world", "robot": "turtlebot3_burger", **options}
+        super().__init__(serve.Options(**how), self)
 
-    def _publish(self, topic, message):
+    def advertise(self, *_, **__):
+        pass
+
+    def subscribe(self, *_):
+        pass
+
+    def publish(self, topic, message):
         if topic not in self.silent:
             self.sent += 1
-            self.server.publish(topic, message)
+            self.recorder.publish(topic, message)
 
-    def _simulate(self):
-        began, offset, k = time.monotonic(), 1000.0, 0
-        lidar = self.robot.robot.lidar
-        while not self.is_over:
-            now = offset + self.robot.time
-            self._publish("/clock", messages.clock(now))
-            self._publish("/odom", messages.odometry(now, self.robot.odometry, self.robot.twist))
-            for part in range(self.imu):
-                self._publish("/imu", messages.imu(now + 0.02 * part / self.imu, self.robot.reading.yaw_rate))
-            if k % 5 == 0:
-                ranges = np.nan_to_num(self.robot.reading.ranges, nan=0.0, posinf=lidar.range_max + 1.0)
-                self._publish("/scan", messages.laser_scan(now, ranges, lidar, 0.1))
-            commands = self.server.timed_commands[-1:]
-            is_fresh = commands and time.monotonic() - commands[0][0] < 0.5
-            self.robot.step(Twist(*commands[0][1:]) if is_fresh else Twist(0.0, 0.0))
-            k += 1
-            time.sleep(max(0.0, began + 0.02 * k / self.speed - time.monotonic()))
+    def step(self):
+        for part in range(self.imu, 0, -1):
+            stamp = messages.RESET_STAMP + self.robot.time - 0.02 * part / (self.imu + 1)
+            self.publish("/imu", messages.imu(stamp, self.robot.reading.yaw_rate))
+        super().step()
+
+    def spin(self):
+        commands = self.recorder.commands[self._taken :]
+        self._taken += len(commands)
+        for v, w in commands[-1:]:
+            self._receive(SimpleNamespace(linear=SimpleNamespace(x=v), angular=SimpleNamespace(z=w)))
 
     @contextlib.contextmanager
-    def driven(self, *options, folder, **how):
-        """Run the driver, and wait until it drives."""
-        command = [sys.executable, "-m", "lidarnaut.driver.drive", "--url", self.server.url, *options]
+    def driven(self, *options, folder, max_size=resource.RLIM_INFINITY):
+        """Run the driver, whose files have a maximum size [bytes], and wait until it drives."""
+        is_over, command = threading.Event(), [sys.executable, "-m", "lidarnaut.driver.drive", "--lidar-from-robot"]
+        thread = threading.Thread(target=self.run, args=(is_over,), daemon=True)
+        thread.start()
         with open(folder / "log.txt", "wb") as log:
-            program = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True, **how)
+            how = {"stdout": log, "stderr": log, "start_new_session": True}
+            how["preexec_fn"] = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (max_size, max_size))
+            program = subprocess.Popen([*command, "--url", self.recorder.url, *options], **how)
         try:
-            while sum(map(any, self.server.commands[-30:])) < 10:
+            while sum(map(any, self.recorder.commands[-30:])) < 10:
                 assert program.poll() is None, (folder / "log.txt").read_text()
                 time.sleep(0.05)
             yield program
         finally:
             if program.poll() is None:
-                program.send_signal(signal.SIGTERM)
+                program.terminate()
                 program.wait(60.0)
-            self.is_over = True
-            self._thread.join()
-            self.server.close()
+            is_over.set()
+            thread.join()
+            self.recorder.close()
 
     def wait_for_stop(self, since):
         """Return the time from `since` to the first stop after the last command that moves the robot [s]."""
         time.sleep(TIMEOUT + 2.0)
-        moves = [at for at, v, w in self.server.timed_commands if v or w]
-        return min(at for at, v, w in self.server.timed_commands if at > moves[-1]) - since
+        moves = [at for at, v, w in self.recorder.timed_commands if v or w]
+        return min(at for at, v, w in self.recorder.timed_commands if at > moves[-1]) - since
 
 
 def load(folder):
@@ -97,15 +100,11 @@ def load(folder):
     robot = Robot(imu=60)
     known = "--map", str(folder / "map.yaml"), "--initial-pose", "0", "0", "0", "--goal", "50", "0"
     options = "--policy", "mppi", *known, "--imu-topic", "/imu", "--record", str(folder / "drive.mcap")
-
-    def limit():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
-
-    with robot.driven(*options, folder=folder, preexec_fn=limit):
+    with robot.driven(*options, folder=folder, max_size=20_000):
         begun, received = time.monotonic(), robot.sent
         time.sleep(20.0)
-        times = np.array([at for at, *_ in robot.server.timed_commands if at > begun])
-        sent = [each for each in robot.server.data if each["op"] == "publish"]
+        times = np.array([at for at, *_ in robot.recorder.timed_commands if at > begun])
+        sent = [each for each in robot.recorder.data if each["op"] == "publish"]
         received = (robot.sent - received) / 20.0
     text = (folder / "log.txt").read_text()
     maps = sum(each["topic"] == "/map" for each in sent)
@@ -113,17 +112,13 @@ def load(folder):
     return f"longest gap {np.diff(times).max():.3f} s; {received:.0f} messages per second; maps {maps}; {ended}"
 
 
-def lost(topic):
+def lost(topic, folder):
     """Messages of a topic end."""
-
-    def run(folder):
-        robot = Robot()
-        with robot.driven("--policy", "pursuit", folder=folder):
-            time.sleep(1.0)
-            robot.silent.add(topic)
-            return f"stop after {robot.wait_for_stop(time.monotonic()):.3f} s"
-
-    return run
+    robot = Robot()
+    with robot.driven("--policy", "pursuit", folder=folder):
+        time.sleep(1.0)
+        robot.silent.add(topic)
+        return f"stop after {robot.wait_for_stop(time.monotonic()):.3f} s"
 
 
 def stopped(folder, whole_group=False):
@@ -141,23 +136,19 @@ def stopped(folder, whole_group=False):
         woken = time.monotonic()
         kill(signal.SIGCONT)
         time.sleep(4.0)
-        during = [(at - since, v, w) for at, v, w in robot.server.timed_commands if since + 0.1 < at < woken]
+        during = [(at - since, v, w) for at, v, w in robot.recorder.timed_commands if since + 0.1 < at < woken]
         stop = next((f"{at:.3f} s" for at, v, w in during if v == w == 0.0), "never (no process runs)")
-        after = [(v, w) for at, v, w in robot.server.timed_commands if at >= woken]
+        after = [(v, w) for at, v, w in robot.recorder.timed_commands if at >= woken]
         first = "a stop" if after[0] == (0.0, 0.0) else f"{after[0]}"
         return f"stop after {stop}; first command after waking: {first}; drives again: {any(map(any, after))}"
 
 
 def hour(folder, minutes=6.0):
     """Ten times real time, three cuts, a full disk."""
-    robot = Robot("turtlebot3_house", speed=10.0)
+    robot = Robot(world="turtlebot3_house", speed=10.0)
     options = "--policy", "pursuit", "--use-sim-time", "--save-map", str(folder / "map.yaml")
     options += "--record", str(folder / "drive.mcap")
-
-    def limit():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (10**7, 10**7))
-
-    with robot.driven(*options, folder=folder, preexec_fn=limit) as program:
+    with robot.driven(*options, folder=folder, max_size=10**7) as program:
         sizes, ends, began = [], time.monotonic() + 60.0 * minutes, time.monotonic()
         cuts = [began + 60.0 * minutes * part for part in (0.25, 0.5, 0.75)]
         while time.monotonic() < ends and program.poll() is None:
@@ -165,12 +156,12 @@ def hour(folder, minutes=6.0):
             sizes.append(int(status.partition("VmRSS:")[2].split()[0]) / 1024.0)
             if cuts and time.monotonic() > cuts[0]:
                 cuts.pop(0)
-                for socket in robot.server.sockets:
+                for socket in robot.recorder.sockets:
                     with contextlib.suppress(OSError):  # closed already
                         socket.socket.shutdown(2)
             time.sleep(1.0)
         simulated = robot.robot.time
-        program.send_signal(signal.SIGTERM) if program.poll() is None else None
+        program.terminate()
         status = program.wait(60.0)
     part = np.array(sizes[len(sizes) // 3 :])
     growth = part[len(part) // 2 :].max() - part[: len(part) // 2].max()
@@ -180,10 +171,10 @@ def hour(folder, minutes=6.0):
 
 SITUATIONS = {
     "load": load,
-    "no scans": lost("/scan"),
-    "no odometry": lost("/odom"),
+    "no scans": partial(lost, "/scan"),
+    "no odometry": partial(lost, "/odom"),
     "driver stands still": stopped,
-    "all processes stand still": lambda folder: stopped(folder, whole_group=True),
+    "all processes stand still": partial(stopped, whole_group=True),
     "hour": hour,
 }
 

@@ -53,7 +53,7 @@ def test_memory_of_a_long_run_does_not_grow(slam, row):
 def test_no_robot_crosses_a_wall_or_is_faster_than_its_limits(physics, size, row):
     counts = np.zeros(4, dtype=int)
     for world in size(("turtlebot3_world", "pimouse_arena"), WORLD_NAMES):
-        counts += drive(world, physics, 1000)
+        counts += drive(world, physics, size(500, 1000))
     periods, touching, through, fast = counts.tolist()
     row("full speed", physics=physics, control_periods=periods, in_contact=touching, through=through, too_fast=fast)
     assert touching > 0.02 * periods
