@@ -15,7 +15,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import between_poses
 from lidarnaut.envs.logs.relations import relation_error
 from lidarnaut.envs.logs.trajectory import rms, trajectory_errors
-from lidarnaut.envs.robots.robot_params import LidarParams
+from lidarnaut.envs.robots import LidarParams
 from tests.rooms import make_room, make_simulator
 
 from .cells import Cell, close, same
@@ -204,5 +204,4 @@ def read_by_others(files: Files, only: str) -> Iterator[Cell]:
 def trained_by_others(files: Files, only: str) -> Iterator[Cell]:
     for library in sorted(TRAININGS):
         if only in f"learning {library}":
-            version = versioned("learning", library).removeprefix(library)
-            yield Cell(library, version.strip(), partial(training, library), "runs")
+            yield Cell(library, versioned("learning", library).partition(" ")[2], partial(training, library), "runs")

@@ -29,9 +29,7 @@ class RefusedError(Exception):
 def call(command: list[Any], timeout: float = TIMEOUT, **options: Any) -> str:
     """Run a command and return its output.
 
-    Raises:
-        RefusedError: it failed, or took longer than `timeout` [s].
-        SkippedError: the machine is too busy for Ray.
+    RefusedError if it fails, or takes longer than `timeout` [s]; SkippedError if the machine is too busy for Ray.
     """
     try:
         done = subprocess.run([str(one) for one in command], capture_output=True, text=True, timeout=timeout, **options)
@@ -48,55 +46,38 @@ def call(command: list[Any], timeout: float = TIMEOUT, **options: Any) -> str:
 
 @functools.cache
 def make(name: str) -> Path:
-    """Install the pinned packages of an environment and return its folder.
-
-    Raises:
-        SkippedError: a package cannot be installed.
-    """
-    folder, pins = FOLDER / name, "\n".join(PINS[name])
-    marker = folder / "pins.txt"
+    """Install the pinned packages of an environment and return its folder; SkippedError if one of them cannot be."""
+    folder, marker, pins = FOLDER / name, FOLDER / name / "pins.txt", "\n".join(PINS[name])
     if marker.is_file() and marker.read_text() == pins:
         return folder
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     print(f"installing {name}: {', '.join(PINS[name])}", file=sys.stderr)
     try:
-        {"npm": _install_npm, "debian": _install_debian}.get(name, _install_python)(folder, PINS[name])
+        _install(name, folder)
     except (RefusedError, OSError) as error:
         raise SkippedError(f"cannot be installed: {error}") from error
     marker.write_text(pins)
     return folder
 
 
-def _install_python(folder: Path, pins: tuple[str, ...]) -> None:
-    call([sys.executable, "-m", "venv", folder])
-    pip = [folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-compile"]
-    call([*pip, *pins], 3 * TIMEOUT, cwd=ROOT)
-
-
-def _install_npm(folder: Path, pins: tuple[str, ...]) -> None:
-    if not shutil.which("npm"):
-        raise RefusedError("there is no npm")
-    (folder / "package.json").write_text('{"private": true, "type": "module"}')
-    call(["npm", "install", "--no-audit", "--no-fund", "--ignore-scripts", "--save-exact", *pins], cwd=folder)
-
-
-def _install_debian(folder: Path, pins: tuple[str, ...]) -> None:
-    """Unpack packages into a folder: nothing is installed on the machine, and no rights are needed."""
-    if not shutil.which("apt-get") or not Path("/usr/bin/python3").exists():
-        raise RefusedError("this machine is not a Debian with /usr/bin/python3")
-    call(["apt-get", "download", *pins], cwd=folder)
-    for package in folder.glob("*.deb"):
-        call(["dpkg", "--extract", package, folder])
+def _install(name: str, folder: Path) -> None:
+    if name == "npm":
+        (folder / "package.json").write_text('{"private": true, "type": "module"}')
+        call(["npm", "install", "--no-audit", "--no-fund", "--ignore-scripts", "--save-exact", *PINS[name]], cwd=folder)
+    elif name == "debian":  # unpacked into a folder: nothing is installed on the machine, and no rights are needed
+        call(["/usr/bin/python3", "--version"])
+        call(["apt-get", "download", *PINS[name]], cwd=folder)
+        for package in folder.glob("*.deb"):
+            call(["dpkg", "--extract", package, folder])
+    else:
+        call([sys.executable, "-m", "venv", folder])
+        pip = [folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-compile"]
+        call([*pip, *PINS[name]], 3 * TIMEOUT, cwd=ROOT)
 
 
 def run(environment: str, client: str, function: str, *arguments: Any, **given: Any) -> Any:
-    """Run a function of a client; return the JSON of its last line.
-
-    Raises:
-        SkippedError: the environment cannot be made.
-        RefusedError: the client fails.
-    """
+    """Run a client's function; return the JSON of its last line. RefusedError if it fails, SkippedError as `make`."""
     folder, variables = make(environment), os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": "", "HOME": str(FOLDER)}
     command = [folder / "bin" / "python", CLIENTS / "client.py", client]
     if environment == "npm":

@@ -16,8 +16,7 @@ from lidarnaut.envs.logs import load_log
 from lidarnaut.envs.logs.bag_writer import BagWriter
 from lidarnaut.envs.logs.runs import save_g2o
 from lidarnaut.envs.logs.trajectory import save_trajectory
-from lidarnaut.envs.robots import load_robot
-from lidarnaut.envs.robots.robot_params import LidarParams, Mount
+from lidarnaut.envs.robots import LidarParams, Mount, load_robot
 from lidarnaut.envs.slam.posegraph import PoseGraph, PoseGraphView, chi_squares
 from lidarnaut.envs.worlds import save_map
 from lidarnaut.envs.wrappers.record_bag import BagRecorder
@@ -56,13 +55,7 @@ class Files:
             messages.setdefault(topic, []).append([round(time * 1e9), plain(message)])
             write(writer, topic, time, message)
 
-        arguments = {
-            "world": "rooms",
-            "world_size": (8.0, 8.0),
-            "time_limit": 30.0,
-            "physics": "kinematic",
-            "people": 2,
-        }
+        arguments = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "people": 2}
         with (
             gymnasium.make("lidarnaut/Explore-v0", robot=ROBOT, **arguments) as env,
             patch.object(BagWriter, "write", listen),
@@ -125,8 +118,7 @@ class Files:
     @functools.cached_property
     def policy(self) -> Path:
         """A pretrained policy as an ONNX file."""
-        path = self.folder / "twist.onnx"
-        lidarnaut.export_policy("ppo:pretrained/twist", path)
+        lidarnaut.export_policy("ppo:pretrained/twist", path := self.folder / "twist.onnx")
         return path
 
     @functools.cached_property

@@ -1,6 +1,6 @@
 // Bags by @mcap/core and @foxglove/rosbag: `bags.mjs read PATH` or `bags.mjs write PATH OUT`; prints JSON.
-import { open } from "node:fs/promises";
-import { McapIndexedReader, McapWriter } from "@mcap/core";
+import { readFile, writeFile } from "node:fs/promises";
+import { McapIndexedReader, McapWriter, TempBuffer } from "@mcap/core";
 import { loadDecompressHandlers } from "@mcap/support";
 import { parse } from "@foxglove/rosmsg";
 import { MessageReader } from "@foxglove/rosmsg2-serialization";
@@ -25,12 +25,7 @@ function plain(value) {
 }
 
 async function openMcap() {
-  const file = await open(path);
-  async function read(offset, length) {
-    const { buffer } = await file.read(Buffer.alloc(Number(length)), 0, Number(length), Number(offset));
-    return new Uint8Array(buffer);
-  }
-  const readable = { size: async () => BigInt((await file.stat()).size), read };
+  const readable = new TempBuffer(await readFile(path));
   return McapIndexedReader.Initialize({ readable, decompressHandlers: await loadDecompressHandlers() });
 }
 
@@ -59,20 +54,16 @@ async function readRosbag(messages) {
 }
 
 async function copyMcap() {
-  const reader = await openMcap(), file = await open(out, "w"), schemas = new Map(), channels = new Map();
-  let written = 0n;
-  const write = async (data) => { written += BigInt((await file.write(data)).bytesWritten); };
-  const writer = new McapWriter({ writable: { position: () => written, write }, chunkSize: 4096 });
+  const reader = await openMcap(), writable = new TempBuffer(), schemas = new Map(), channels = new Map();
+  const writer = new McapWriter({ writable, chunkSize: 4096 });
   await writer.start({ profile: "ros2", library: "" });
   for (const schema of reader.schemasById.values()) schemas.set(schema.id, await writer.registerSchema(schema));
-  for (const channel of reader.channelsById.values()) {
-    const schemaId = schemas.get(channel.schemaId);
-    channels.set(channel.id, await writer.registerChannel({ ...channel, schemaId }));
-  }
+  for (const channel of reader.channelsById.values())
+    channels.set(channel.id, await writer.registerChannel({ ...channel, schemaId: schemas.get(channel.schemaId) }));
   for await (const message of reader.readMessages())
     await writer.addMessage({ ...message, channelId: channels.get(message.channelId) });
   await writer.end();
-  await file.close();
+  await writeFile(out, writable.get());
 }
 
 if (job === "write") {

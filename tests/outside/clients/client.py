@@ -1,7 +1,6 @@
 """Run a function of a client: `client.py CLIENT FUNCTION ARGUMENTS...`; keyword arguments and result are JSON."""
 
 import contextlib
-import dataclasses
 import importlib
 import json
 import math
@@ -18,8 +17,7 @@ def plain(value):
         return [plain(one) for one in value]
     if isinstance(value, (str, bool, int, float)):
         return str(value) if isinstance(value, float) and not math.isfinite(value) else value
-    is_record = dataclasses.is_dataclass(value)
-    names = [one.name for one in dataclasses.fields(value)] if is_record else value.__slots__
+    names = getattr(value, "__dataclass_fields__", None) or value.__slots__
     fields = {name: getattr(value, name) for name in names if not (name.startswith("_") or name.isupper())}
     if {"secs", "nsecs"} & fields.keys():  # Time of ROS 1
         return {"sec": value.secs, "nanosec": value.nsecs}

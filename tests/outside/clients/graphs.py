@@ -1,7 +1,5 @@
 """Pose graphs and trajectories by GTSAM, g2o, graphslam and evo."""
 
-from pathlib import Path
-
 import g2opy
 import gtsam
 from evo.core import metrics, sync
@@ -59,9 +57,8 @@ def errors(estimate, truth):
 
 def write(graph, trajectory, folder):
     """Read a pose graph and a trajectory, and write them by each library; return the paths."""
-    names = {name: f"{name}.g2o" for name in ("pose graph of GTSAM", "pose graph of g2o", "pose graph of graphslam")}
-    names |= {name: f"{name}.txt" for name in ("trajectory of evo (TUM)", "trajectory of evo (KITTI)")}
-    found = {name: str(Path(folder) / file) for name, file in names.items()}
+    found = {f"pose graph of {library}": f"{folder}/{library}.g2o" for library in ("GTSAM", "g2o", "graphslam")}
+    found |= {f"trajectory of evo ({form})": f"{folder}/{form}.txt" for form in ("TUM", "KITTI")}
     by_gtsam, by_g2o, by_graphslam, tum, kitti = found.values()
     gtsam.writeG2o(*gtsam.readG2o(graph), by_gtsam)
     optimizer = g2opy.SparseOptimizer()
