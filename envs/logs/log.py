@@ -134,23 +134,9 @@ def load_log(
         "odom_frame": odom_frame,
         "laser_frame": laser_frame,
     }
-    is_carmen = path.name.endswith((".log", ".log.gz", ".clf", ".clf.gz")) and path.is_file()
-    if chosen := [name for name, value in of_bags.items() if value is not None and not is_bag(path)]:
-        raise ValueError(f"{path}: {chosen[0]} (--{chosen[0].replace('_', '-')}) applies to bags only")
-    if field_of_view is not None and not (is_carmen and 0.0 < field_of_view <= 2.0 * math.pi):
-        allowed = "for CARMEN logs only, in (0, 2 pi] rad"
-        raise ValueError(f"{path}: field_of_view (--field-of-view) is {allowed}, got {field_of_view:g}")
     if no_return not in ("inf", "zero"):
         raise ValueError(f"no_return must be 'inf' or 'zero', got {no_return!r}")
-    if is_bag(path):
-        recording = read_bag(path, **of_bags)
-    elif path.suffix == ".npz":
-        recording = read_archive(path)
-    elif is_carmen:
-        recording = read_carmen(path, field_of_view)
-    else:
-        known = ".npz, .log, .log.gz, .clf, .clf.gz, .bag, .mcap and folders with metadata.yaml"
-        raise ValueError(f"{path}: unknown type of log; known types are {known}")
+    recording = _read_content(path, field_of_view, of_bags)
     try:
         log = _make_log(recording, Limits(min_range, max_range), max_speeds, no_return)
     except ValueError as error:
@@ -158,6 +144,23 @@ def load_log(
     for note in log.notes:
         logging.getLogger(__name__).warning("%s", printable(f"{path}: {note}"))
     return log
+
+
+def _read_content(path: Path, field_of_view: float | None, of_bags: dict[str, str | None]) -> LogContent:
+    is_carmen = path.name.endswith((".log", ".log.gz", ".clf", ".clf.gz")) and path.is_file()
+    if chosen := [name for name, value in of_bags.items() if value is not None and not is_bag(path)]:
+        raise ValueError(f"{path}: {chosen[0]} (--{chosen[0].replace('_', '-')}) applies to bags only")
+    if field_of_view is not None and not (is_carmen and 0.0 < field_of_view <= 2.0 * math.pi):
+        allowed = "for CARMEN logs only, in (0, 2 pi] rad"
+        raise ValueError(f"{path}: field_of_view (--field-of-view) is {allowed}, got {field_of_view:g}")
+    if is_bag(path):
+        return read_bag(path, **of_bags)
+    if path.suffix == ".npz":
+        return read_archive(path)
+    if is_carmen:
+        return read_carmen(path, field_of_view)
+    known = ".npz, .log, .log.gz, .clf, .clf.gz, .bag, .mcap and folders with metadata.yaml"
+    raise ValueError(f"{path}: unknown type of log; known types are {known}")
 
 
 def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, float], no_return: str) -> Log:
