@@ -145,11 +145,9 @@ def test_the_type_of_commands_follows_the_robot(way, stamped):
     def answer(data):
         if way == "status" and data["op"] == "advertise" and data["type"] == own.replace("/msg", ""):
             return {"op": "status", "level": "error", "msg": CLASH.format(own, robots)}
-        if way == "service" and data["op"] == "call_service" and data["service"] == "/rosapi/topic_type":
-            values, about = {"type": robots}, data["args"]["topic"]
-            assert about == "/cmd_vel"
-            return {"op": "service_response", "service": "/rosapi/topic_type", "values": values, "result": True}
-        return None
+        about = data.get("service"), data.get("args")
+        is_asked = way == "service" and about == ("/rosapi/topic_type", {"topic": "/cmd_vel"})
+        return answering({"type": robots})(data) if is_asked else None
 
     with contextlib.closing(Recorder(answer)) as server, commanding(server, stamped=stamped) as commands:
         wait_for(lambda: len(server.advertised("/cmd_vel")) == 2)
