@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, field_validator, model_validator
 
 from lidarnaut.agents.frontiers.tasks import SIDES
 from lidarnaut.envs.files import explain_unknown, parse_record, read_mapping
@@ -35,6 +35,15 @@ class Section(BaseModel):
 Width = Annotated[int, Field(ge=1, le=8192)]
 Count = Annotated[int, Field(ge=1, le=10**12)]
 Side = Annotated[int, Field(ge=1, le=100_000)]
+
+
+class RunConfig(Section):
+    """Base of the configurations of trainings."""
+
+    experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
+    """Experiment name, the first part of the run folder's name."""
+    seed: int = Field(default=0, ge=0, le=2**63 - 1)
+    """Seed of all random generators."""
 
 
 class EnvironmentConfig(Section):
@@ -151,22 +160,20 @@ class CheckpointConfig(Section):
     """Number of newest checkpoints to keep."""
 
 
-def check_families(families: tuple[str, ...]) -> tuple[str, ...]:
-    """Return names of families of generated worlds; ValueError for unknown ones."""
+def _check_families(families: tuple[str, ...]) -> tuple[str, ...]:
     if unknown := [name for name in families if name not in SIDES]:
         raise ValueError(f"unknown family {explain_unknown(unknown[0], SIDES)}")
     return families
 
 
-class EvolutionConfig(Section):
+Families = Annotated[tuple[str, ...], AfterValidator(_check_families)]
+
+
+class EvolutionConfig(RunConfig):
     """Settings to optimize a linear frontier score by CMA-ES; see `lidarnaut.agents.frontiers.evolution`."""
 
     algorithm: Literal["evolution"]
     """Always `evolution`, which selects CMA-ES instead of reinforcement learning."""
-    experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
-    """Experiment name, the first part of the run folder's name."""
-    seed: int = Field(default=0, ge=0, le=2**63 - 1)
-    """Seed of all random generators."""
     generations: Count = 100
     """Number of generations."""
     population: int = Field(default=14, ge=4, le=100_000)
@@ -175,7 +182,7 @@ class EvolutionConfig(Section):
     """Number of exploration episodes to evaluate each individual (weight vector)."""
     sigma: PositiveFloat = 0.06
     """Initial standard deviation of score weights, for features scaled to unit standard deviation."""
-    families: tuple[str, ...] = ("rooms", "maze", "warehouse", "caves")
+    families: Families = ("rooms", "maze", "warehouse", "caves")
     """Families of generated worlds for training."""
     validation_tasks: Side = 240
     """Number of validation episodes, the same each time. Results do not affect training."""
@@ -184,26 +191,17 @@ class EvolutionConfig(Section):
     num_workers: Side | None = None
     """Number of worker processes; null uses one per core."""
 
-    @field_validator("families")
-    @classmethod
-    def _know_families(cls, families: tuple[str, ...]) -> tuple[str, ...]:
-        return check_families(families)
 
-
-class CompletionConfig(Section):
+class CompletionConfig(RunConfig):
     """Settings to train a network that completes maps; see `lidarnaut.agents.completion.training`."""
 
     algorithm: Literal["completion"]
     """Always `completion`, which selects supervised learning instead of reinforcement learning."""
-    experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
-    """Experiment name, the first part of the run folder's name."""
-    seed: int = Field(default=0, ge=0, le=2**63 - 1)
-    """Seed of all random generators."""
     episodes: Count = 1200
     """Number of explorations whose maps are completed in training."""
     validation_episodes: Side = 60
     """Number of explorations, in training worlds, whose maps are completed in validations."""
-    families: tuple[str, ...] = tuple(SIDES)
+    families: Families = tuple(SIDES)
     """Families of generated worlds for explorations; others are worlds of the library."""
     total_steps: Count = 5000
     """Number of gradient steps."""
@@ -222,17 +220,10 @@ class CompletionConfig(Section):
     torch_threads: Side | None = None
     """Number of threads of torch; null leaves the number to torch."""
 
-    @field_validator("families")
-    @classmethod
-    def _know_families(cls, families: tuple[str, ...]) -> tuple[str, ...]:
-        return check_families(families)
 
-
-class TrainingConfig(Section):
+class TrainingConfig(RunConfig):
     """Settings of a training by reinforcement learning."""
 
-    experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
-    """Experiment name, the first part of the run folder's name."""
     total_steps: Count
     """Total number of environment steps over all sub-environments, rounded up to whole updates."""
     algorithm: str
@@ -240,8 +231,6 @@ class TrainingConfig(Section):
     recipe: str | None = None
     """Recipe that the configuration was merged with. In a configuration: name of a recipe, by default that of
     `environment.id`; null for none."""
-    seed: int = Field(default=0, ge=0, le=2**63 - 1)
-    """Seed of all random generators."""
     num_envs: Side = 16
     """Number of parallel sub-environments."""
     device: Literal["cpu", "cuda", "auto"] = "cpu"

@@ -77,7 +77,7 @@ def test_wrong_options_are_one_plain_line(function, arguments, says, encoding, c
     [
         (train.main, ["--num-envs", "0"], "rooms_small.yaml: num_envs: Input should be greater than or equal to 1"),
         (train.main, ["--evaluation.evry", "1"], "unknown key 'evaluation.evry' (did you mean 'every'?)"),
-        (train.main, ["--ppo.gamma", "1"], "rooms_small.yaml: unknown key 'ppo'; allowed are experiment, total_steps"),
+        (train.main, ["--ppo.gamma", "1"], "rooms_small.yaml: unknown key 'ppo'; allowed are experiment, seed"),
         (train.main, ["--config", "rooms_smal"], "did you mean 'rooms_small'"),
         (evaluate.main, ["--config", "arenas"], "did you mean 'arena'"),
         (train.main, ["rooms"], "unknown argument 'rooms'; options begin with --"),
