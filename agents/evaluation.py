@@ -12,9 +12,8 @@ from stable_baselines3.common.policies import BasePolicy
 from lidarnaut.agents.algorithms import Actor
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
 from lidarnaut.agents.curves import LEARNED, SCORES, TEST, VALIDATION, Row
-from lidarnaut.agents.infos import infos_of
 from lidarnaut.agents.policies import make_policy
-from lidarnaut.agents.vec_env import Observations, make_env, make_vector
+from lidarnaut.agents.vec_env import Observations, infos_of, make_env, make_vector
 from lidarnaut.baselines.episode import decide_with, prepare, run_episode
 from lidarnaut.baselines.policy import Policy, marked
 from lidarnaut.envs.core import lidar_env_of

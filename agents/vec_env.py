@@ -1,6 +1,7 @@
 """Training environments, and adapters from Gymnasium to stable-baselines3."""
 
 import multiprocessing
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -13,7 +14,6 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
-from lidarnaut.agents.infos import infos_of
 from lidarnaut.agents.networks import flat_space, flatten
 from lidarnaut.baselines.episode import LastInfo
 from lidarnaut.envs.core import lidar_env_of
@@ -24,6 +24,7 @@ from lidarnaut.envs.worlds.library import Split
 
 Observations = dict[str, np.ndarray]
 """Batch of observations: arrays by name, with sub-environments along axis 0."""
+_EXACT = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.bool_)
 
 
 def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
@@ -93,6 +94,26 @@ def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
         raise ValueError(f"environment: {config.id} has no argument {explain_unknown(unknown[0], accepted)}")
     usual = {"split": split, "physics": "kinematic"}
     return {name: value for name, value in usual.items() if name in accepted} | arguments
+
+
+def infos_of(info: Mapping[str, Any], num_envs: int) -> list[dict[str, Any]]:
+    """Return the `info` of each sub-environment, without those of ended episodes.
+
+    `info`: arrays by key, with masks as `_key`.
+    """
+    infos: list[dict[str, Any]] = [{} for _ in range(num_envs)]
+    for key, values in info.items():
+        mask = info.get(f"_{key}")
+        if mask is None or key in ("final_info", "final_obs"):
+            continue
+        if isinstance(values, Mapping):
+            values = infos_of(values, num_envs)
+        elif values.ndim == 1 and values.dtype in _EXACT:
+            values = values.tolist()  # numbers of Python, as single environments have
+        for one, value, is_set in zip(infos, values, mask.tolist(), strict=True):
+            if is_set:
+                one[key] = value
+    return infos
 
 
 class GymnasiumVecEnv(VecEnv):

@@ -4,8 +4,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecMonitor, VecNormalize
 
-from lidarnaut.agents.infos import infos_of
-from lidarnaut.agents.vec_env import GymnasiumVecEnv
+from lidarnaut.agents.vec_env import GymnasiumVecEnv, infos_of
 
 ENVS = {
     "ReachGoal": {"observations": ("motion",), "people": 2},
