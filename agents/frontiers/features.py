@@ -46,6 +46,23 @@ def score_features(
 
 
 @njit(cache=True, error_model="numpy")
+def _neighbours(gaps, visible, i, count):
+    first = second = 20.0
+    around, near, mean = visible[i], 0.0, 0.0
+    for j in range(count):
+        if j != i:
+            gap = _length(gaps[i, j], column.HALF_COST)
+            mean += gap
+            around += visible[j] * math.exp(-gap / 3.0)
+            near += math.exp(-gap / 2.0)
+            if gap < first:
+                first, second = gap, first
+            elif gap < second:
+                second = gap
+    return first, second, around, near, mean / (count - 1) if count > 1 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
 def _score_features(candidates, sectors, gaps, robot, count):
     rows = np.empty(count, dtype=SCORE_FEATURES)
     visible, cost = np.empty(count), np.empty(count)
@@ -56,19 +73,7 @@ def _score_features(candidates, sectors, gaps, robot, count):
     number, left, reach = count / 16.0, total / (total + 50.0), robot[0]
     for i in range(count):
         row, out = candidates[i], rows[i]
-        first = second = 20.0
-        around, near, mean = visible[i], 0.0, 0.0
-        for j in range(count):
-            if j != i:
-                gap = _length(gaps[i, j], column.HALF_COST)
-                mean += gap
-                around += visible[j] * math.exp(-gap / 3.0)
-                near += math.exp(-gap / 2.0)
-                if gap < first:
-                    first, second = gap, first
-                elif gap < second:
-                    second = gap
-        mean = mean / (count - 1) if count > 1 else 0.0
+        first, second, around, near, mean = _neighbours(gaps, visible, i, count)
         size, age = _length(row[column.SIZE], column.HALF_SIZE), _length(row[column.AGE], column.HALF_AGE)
         distance = column.OFFSET_SCALE * math.hypot(row[column.AHEAD], row[column.LEFT])
         log_visible, minus_log_cost = math.log(visible[i] + LEAST_GAIN), -math.log(cost[i] + LEAST_COST)
