@@ -1,12 +1,13 @@
-"""Configuration keys that may change on resume."""
+"""Resumed runs, and configuration keys that may change."""
 
+import contextlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from lidarnaut.agents.config import Config, parse_config
-from lidarnaut.agents.run_folder import CheckpointError, count_done
-from lidarnaut.envs.files import SHORT, read_mapping
+from lidarnaut.agents.run_folder import CheckpointError, count_done, new_run, prepare_folder
+from lidarnaut.envs.files import SHORT, Lock, own_folder, read_mapping
 
 MAY_CHANGE = {
     "total_steps": "training, sweep",
@@ -28,6 +29,24 @@ MAY_CHANGE = {
 value; an empty text for none. Nested keys without an entry are treated like their parent key."""
 DEFAULT = "the default"
 AnyConfig = Config | Mapping[str, Any]
+
+
+@contextlib.contextmanager
+def begin(config: Config, kind: str, run: Path | None, resume: Path | None) -> Iterator[Path]:
+    """Create and lock a run folder, see `new_run`, or lock that of a run to resume with a configuration.
+
+    `kind`: `evolution` or `completion`. Raises CheckpointError if `resume` is no run folder, or a fixed key changes.
+    """
+    if resume is None:
+        with new_run(config, run) as folder:
+            yield folder
+        return
+    if not (resume / "config.yaml").exists():
+        raise CheckpointError(f"{resume} is not a run folder: it has no config.yaml")
+    with Lock(own_folder(resume)):
+        check_changes(config, kind, resume)
+        prepare_folder(resume, config)
+        yield resume
 
 
 def check_changes(now: AnyConfig, kind: str, run: Path, was: AnyConfig | None = None) -> None:

@@ -28,16 +28,9 @@ from torch.utils.tensorboard import SummaryWriter
 from lidarnaut.agents.config import CompletionConfig
 from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool
-from lidarnaut.agents.resume import check_changes
-from lidarnaut.agents.run_folder import (
-    CheckpointError,
-    find_checkpoint,
-    list_checkpoints,
-    new_run,
-    prepare_folder,
-    write_table,
-)
-from lidarnaut.envs.files import Lock, own_folder, read_bytes, write_file, write_folder
+from lidarnaut.agents.resume import begin
+from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints, write_table
+from lidarnaut.envs.files import own_folder, read_bytes, write_file, write_folder
 from lidarnaut.envs.progress import Progress
 
 from .completion import Completion
@@ -84,13 +77,8 @@ def train_completion(
     """
     with contextlib.ExitStack() as held:
         pool = held.enter_context(make_pool(config.num_workers))
-        if resume is None:
-            run = held.enter_context(new_run(config, run))
-        else:
-            run = find_checkpoint(resume).parent.parent
-            held.enter_context(Lock(own_folder(run)))
-            check_changes(config, "completion", run)
-            prepare_folder(run, config)
+        resumed = None if resume is None else find_checkpoint(resume).parent.parent
+        run = held.enter_context(begin(config, "completion", run, resumed))
         held.callback(torch.set_num_threads, torch.get_num_threads())
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)

@@ -19,9 +19,9 @@ from lidarnaut.agents.config import EvolutionConfig
 from lidarnaut.agents.curves import LEARNED, SCORES, Row, read_evaluations
 from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool
-from lidarnaut.agents.resume import check_changes
-from lidarnaut.agents.run_folder import GENERATIONS, CheckpointError, new_run, prepare_folder, write_evaluations
-from lidarnaut.envs.files import Lock, own_folder, read_bytes, write_file
+from lidarnaut.agents.resume import begin
+from lidarnaut.agents.run_folder import GENERATIONS, CheckpointError, write_evaluations
+from lidarnaut.envs.files import read_bytes, write_file
 from lidarnaut.envs.progress import Progress
 
 from .features import NEAREST, NUM_FEATURES, PRIOR
@@ -49,15 +49,7 @@ def evolve(
     """
     with contextlib.ExitStack() as held:
         pool = held.enter_context(make_pool(config.num_workers))
-        if resume is None:
-            run = held.enter_context(new_run(config, run))
-        elif not (resume / "config.yaml").exists():
-            raise CheckpointError(f"{resume} is not a run folder: it has no config.yaml")
-        else:
-            run = own_folder(resume)
-            held.enter_context(Lock(run))
-            check_changes(config, "evolution", run)
-            prepare_folder(run, config)
+        run = held.enter_context(begin(config, "evolution", run, resume))
         evolution = _Evolution(config, run, pool)
         bar = Progress(total=config.generations, initial=len(evolution.values), disable=not progress, unit="generation")
         try:
