@@ -14,7 +14,7 @@ from stable_baselines3.common.utils import safe_mean
 
 from lidarnaut.agents.algorithms import Prepared
 from lidarnaut.agents.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
-from lidarnaut.agents.curves import TEST, VALIDATION, Row, interval_of
+from lidarnaut.agents.curves import TEST, VALIDATION, Row, curve_of, interval_of
 from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.replay import ReplayFiles
 from lidarnaut.agents.run_folder import BEST, find_checkpoint, list_checkpoints, write_evaluations
@@ -39,20 +39,25 @@ class RunCallback(BaseCallback):
     def __init__(
         self,
         prepared: Prepared,
+        model: BaseAlgorithm,
         run: Path,
         evaluator: Evaluator,
-        evaluations: list[Row],
-        saved_steps: int | None,
-        replay: ReplayFiles | None,
+        checkpoint: Checkpoint | None,
         bar: Progress,
     ) -> None:
+        """`checkpoint`: of a resumed run, for its evaluations and its replay buffer."""
         super().__init__()
+        self.model, self._run, self._evaluator, self._bar = model, run, evaluator, bar
         self._config, self._rollout_steps = prepared.config, prepared.rollout_steps
-        self._run, self._evaluator, self._replay, self._bar = run, evaluator, replay, bar
         self._num_rollouts, self._began, self._timed = -1, (0, 0.0), np.zeros(2)
         """Finished rollouts with their updates; steps and time [s] at the start of the current one; steps and time [s]
         of all but the first, which compiles kernels."""
-        self._evaluations, self._saved_steps = evaluations, saved_steps
+        self._evaluations = curve_of(checkpoint.record.evaluations) if checkpoint else []
+        self._saved_steps = model.num_timesteps if checkpoint else None
+        self._replay = None
+        if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
+            self._replay = ReplayFiles(model.replay_buffer, run)
+            self._replay.read(checkpoint.record.replay if checkpoint else {})
         self._has_news, self._num_ended, self._reported_steps = False, 0, 0
         at_start, prior = self._config.evaluation.at_start, getattr(prepared.network, "prior", 0.0)
         self._evaluates_start = prior > 0.0 if at_start is None else at_start

@@ -4,23 +4,20 @@ import contextlib
 import json
 import logging
 import multiprocessing
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from lidarnaut.agents.algorithms import Prepared, build_model, find_algorithm, num_processes, prepare, takes_vectors
 from lidarnaut.agents.callbacks import RunCallback
 from lidarnaut.agents.checkpoint import Checkpoint, load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.agents.curves import curve_of
 from lidarnaut.agents.distributed import Alone, EndedError, Share, group_of
 from lidarnaut.agents.evaluation import REFERENCES, Evaluator, evaluation_environment
 from lidarnaut.agents.loggers import LOGGERS, check_loggers
-from lidarnaut.agents.replay import ReplayFiles
 from lidarnaut.agents.resume import check_changes
 from lidarnaut.agents.run_folder import discard_after, find_checkpoint, is_measured, new_run, prepare_folder
 from lidarnaut.agents.state import check_spaces, is_finite, restore
@@ -73,53 +70,61 @@ def run_training(
         if checkpoint is None or source is None:
             run = held.enter_context(new_run(config, run))
         else:
-            before = checkpoint.record
-            check_changes(config, "training", source, before.config)
-            if (number := before.config.processes or 1) != config.processes:
-                LOGGER.info("%d processes train; before, %d did: weights will differ", config.processes, number)
-            _restore(model, env, checkpoint, source)
-            run = discard_after(source)
-            prepare_folder(run, config)
-            if evaluation_environment(config).arguments != evaluation_environment(before.config).arguments:
-                (run / REFERENCES).unlink(missing_ok=True)
+            run = _resume(config, model, env, checkpoint, source)
             evaluator.finished_references(run)  # A damaged file is found before the first step.
         write_reward(run, config)
         number = config.evaluation.test_episodes or config.evaluation.episodes
         LOGGER.info("test after the training: %d episodes each of %s", number, ", ".join(("the best", *references)))
-        replay = None
-        if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
-            replay = ReplayFiles(model.replay_buffer, run)
-            replay.read(checkpoint.record.replay if checkpoint else {})
-        share = Share(model, group)
-        group.send(run)
-        evaluations = curve_of(checkpoint.record.evaluations) if checkpoint else []
-        purge_step = model.num_timesteps + 1 if model.num_timesteps else None
-        model.set_logger(Logger(str(run), [LOGGERS[name](run, purge_step) for name in config.logger]))
-        held.callback(model.logger.close)
         total_steps, steps = prepared.num_updates * prepared.rollout_steps, model.num_timesteps
-        if steps < total_steps or not is_measured(run):
-            bar = Progress(total=total_steps, initial=steps, unit="step", disable=not progress)
-            bar.rate, saved = 0.0, steps if checkpoint else None
-            keeper = RunCallback(prepared, run, evaluator, evaluations, saved, replay, bar)
-            keeper.model = model
-            try:
+        is_open = steps < total_steps or not is_measured(run)
+        bar = Progress(total=total_steps, initial=steps, unit="step", disable=not (progress and is_open))
+        bar.rate = 0.0
+        keeper, share = RunCallback(prepared, model, run, evaluator, checkpoint, bar), Share(model, group)
+        group.send(run)
+        model.set_logger(Logger(str(run), [LOGGERS[name](run, steps + 1 if steps else None) for name in config.logger]))
+        held.callback(model.logger.close)
+        if is_open:
+            with _saved_at_end(keeper):
                 with bar:
                     if steps < total_steps:
                         model.learn(total_steps - steps, [share, keeper], reset_num_timesteps=False)
                 keeper.finish(evaluator.references(references, run, progress=progress))
-            except KeyboardInterrupt:
-                raise KeyboardInterrupt(keeper.save()) from None
-            except SystemError as error:
-                if is_interrupt(error):
-                    raise KeyboardInterrupt(keeper.save()) from None
-                raise
-            except EndedError as error:
-                raise ValueError(f"{error}; the training ended {keeper.save()}") from error
-            except ValueError:  # of distributions with such parameters, among others
-                if is_finite(model):
-                    raise
-                raise keeper.diverged() from None
     return run
+
+
+def _resume(
+    config: TrainingConfig, model: BaseAlgorithm, env: GymnasiumVecEnv, checkpoint: Checkpoint, source: Path
+) -> Path:
+    """Restore a model from a checkpoint; return the run folder, prepared for a configuration."""
+    before = checkpoint.record.config
+    check_changes(config, "training", source, before)
+    if (number := before.processes or 1) != config.processes:
+        LOGGER.info("%d processes train; before, %d did: weights will differ", config.processes, number)
+    _restore(model, env, checkpoint, source)
+    run = discard_after(source)
+    prepare_folder(run, config)
+    if evaluation_environment(config).arguments != evaluation_environment(before).arguments:
+        (run / REFERENCES).unlink(missing_ok=True)
+    return run
+
+
+@contextlib.contextmanager
+def _saved_at_end(keeper: RunCallback) -> Iterator[None]:
+    """Save the state of an interrupted training, and explain errors of other processes and of divergence."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(keeper.save()) from None
+    except SystemError as error:
+        if is_interrupt(error):
+            raise KeyboardInterrupt(keeper.save()) from None
+        raise
+    except EndedError as error:
+        raise ValueError(f"{error}; the training ended {keeper.save()}") from error
+    except ValueError:  # of distributions with such parameters, among others
+        if is_finite(keeper.model):
+            raise
+        raise keeper.diverged() from None
 
 
 def write_reward(run: Path, config: TrainingConfig) -> None:

@@ -65,15 +65,10 @@ def train(
 
         return follow_remotely()
     changes, trust = dict(changes or {}), tuple(trust)
-    data, source, is_complete = _read(config, resume, changes, trust)
-    data = change(data, changes)
     run, resume = (None if path is None else Path(path) for path in (run, resume))
     if run and resume:
         raise ValueError(f"a run to resume has its own folder, {resume}: leave out run")
-    if not is_complete:
-        data, text = with_recipe(data)
-        data = data if config is not None else {**DEFAULTS, **data}
-        LOGGER.info("%s", text or "no recipe")
+    data, source = _read(config, resume, changes, trust)
     if is_shared and ("seeds" in data or data.get("algorithm") in OTHER_KINDS):
         raise ValueError("torchrun starts single trainings by reinforcement learning, not sweeps and other kinds")
     # Importing torch takes seconds, so report mistakes in the configuration first.
@@ -97,21 +92,29 @@ def train(
     return run_training(parsed, run=run, resume=resume, trust=trust, progress=progress)
 
 
+def _read(
+    config: Any, resume: Path | None, changes: Mapping[str, Any], trust: tuple[str, ...]
+) -> tuple[dict[str, Any], str]:
+    """Return a changed configuration as nested mappings, with its recipe unless it is complete; and its origin."""
+    source, is_complete = "the configuration", isinstance(config, BaseModel)
+    if is_complete:
+        data = _mapping(config)
+    elif resume is None and not isinstance(config, str | Path):
+        data = dict(config or {})
+    else:
+        path = find_configuration(str(config), "experiment") if resume is None else find_config(resume)
+        data, source = read_mapping(path), str(path)
+        is_complete = resume is not None or any((path.parent / name).exists() for name in RECORDS)
+        if is_complete:
+            check_names(data, source, [*trust, *named_code(changes)])
+    data = change(data, changes)
+    if is_complete:
+        return data, source
+    data, text = with_recipe(data)
+    LOGGER.info("%s", text or "no recipe")
+    return (data if config is not None else {**DEFAULTS, **data}), source
+
+
 def _mapping(config: BaseModel) -> dict[str, Any]:
     """Return a configuration as nested mappings. User-defined objects, such as robots and crowds, are kept."""
     return {key: _mapping(value) if isinstance(value, BaseModel) else value for key, value in config}
-
-
-def _read(
-    config: Any, resume: Any, changes: Mapping[str, Any], trust: tuple[str, ...]
-) -> tuple[dict[str, Any], str, bool]:
-    """Return a configuration, its origin, and whether it is complete, so that no recipe applies."""
-    is_complete = isinstance(config, BaseModel)
-    if is_complete or (resume is None and not isinstance(config, str | Path)):
-        return _mapping(config) if is_complete else dict(config or {}), "the configuration", is_complete
-    path = find_configuration(str(config), "experiment") if resume is None else find_config(resume)
-    data = read_mapping(path)
-    is_record = resume is not None or any((path.parent / name).exists() for name in RECORDS)
-    if is_record:
-        check_names(data, str(path), [*trust, *named_code(changes)])
-    return data, str(path), is_record
