@@ -41,17 +41,15 @@ class Alone:
     def average(self, numbers: Tensor) -> None:
         """Replace numbers, float32, contiguous, by their means over all processes; the same bytes in each."""
 
-    def send(self, job: Any) -> None:
-        """Send an object to all other processes."""
-
-    def receive(self) -> Any:
-        """Return the object that process 0 has sent."""
+    def share(self, given: Any) -> Any:
+        """Return the object of process 0, in all processes that `torchrun` has started."""
+        return given
 
 
 class Local(Alone):
     """Processes of this computer, which average numbers in shared memory."""
 
-    def __init__(self, rank: int, size: int, shared: Any, posts: Any, pipes: Any, processes: Any = ()) -> None:
+    def __init__(self, rank: int, size: int, shared: Any, posts: Any, pipes: Any = (), processes: Any = ()) -> None:
         self.rank, self.size = rank, size
         self._slots = torch.frombuffer(shared, dtype=torch.float32).view(2, size, CHUNK)
         self._posts, self._pipes, self._processes, self._turn = posts, pipes, processes, 0
@@ -83,17 +81,6 @@ class Local(Alone):
             if not process.is_alive():
                 raise EndedError(f"process {k} of the training has ended with exit code {process.exitcode}")
 
-    def send(self, job: Any) -> None:
-        for pipe in self._pipes:
-            with contextlib.suppress(BrokenPipeError):  # `check` says it
-                pipe.send(job)
-
-    def receive(self) -> Any:
-        try:
-            return self._pipes[0].recv()
-        except EOFError:  # process 0 has failed before the first step
-            raise SystemExit from None
-
 
 class Remote(Alone):
     """Processes that `torchrun` has started, perhaps on several computers."""
@@ -111,13 +98,10 @@ class Remote(Alone):
             raise EndedError(f"a process of the training has ended: {error}") from error
         _mean(slots, numbers)
 
-    def send(self, job: Any) -> None:
-        dist.broadcast_object_list([job], src=0)
-
-    def receive(self) -> Any:
-        jobs = [None]
-        dist.broadcast_object_list(jobs, src=0)
-        return jobs[0]
+    def share(self, given: Any) -> Any:
+        objects = [given]
+        dist.broadcast_object_list(objects, src=0)
+        return objects[0]
 
 
 def _mean(slots: Tensor, out: Tensor) -> None:
@@ -133,8 +117,8 @@ def world_size() -> int:
 
 
 @contextlib.contextmanager
-def group_of(size: int) -> Iterator[Alone]:
-    """Yield the group of a training in `size` processes, those of `torchrun` or new ones, which `follow`."""
+def group_of(size: int, job: tuple[Any, ...] = ()) -> Iterator[Alone]:
+    """Yield the group of a training in `size` processes: those of `torchrun`, or new ones, which `follow` by `job`."""
     if world_size():
         yield Remote()
         dist.destroy_process_group()
@@ -145,9 +129,9 @@ def group_of(size: int) -> Iterator[Alone]:
     context = multiprocessing.get_context("spawn")
     shared = context.RawArray(ctypes.c_float, 2 * size * CHUNK)
     posts = [[context.Semaphore(0) for _ in range(size)] for _ in range(size)]
-    ends = [context.Pipe() for _ in range(1, size)]
+    ends = [context.Pipe(duplex=False) for _ in range(1, size)]
     starts = enumerate(ends, 1)
-    processes = [context.Process(target=_run, args=(k, size, shared, posts, end[1])) for k, end in starts]
+    processes = [context.Process(target=_run, args=(end[1], job, k, size, shared, posts)) for k, end in starts]
     try:
         with interrupts_held():
             for process, (_, far_end) in zip(processes, ends, strict=True):
@@ -163,7 +147,7 @@ def group_of(size: int) -> Iterator[Alone]:
                 process.join(10.0)
 
 
-def _run(rank: int, size: int, shared: Any, posts: Any, pipe: Any) -> None:
+def _run(pipe: Any, job: tuple[Any, ...], *group: Any) -> None:
     from lidarnaut.agents.learning import follow
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # process 0 handles Ctrl-C
@@ -171,7 +155,7 @@ def _run(rank: int, size: int, shared: Any, posts: Any, pipe: Any) -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     follow_parent()
     try:
-        follow(Local(rank, size, shared, posts, [pipe]))
+        follow(Local(*group), *job)
     except Exception as error:
         pipe.send(" ".join(f"{type(error).__name__}: {error}".split()))
         raise SystemExit(1) from error

@@ -6,6 +6,7 @@ import logging
 import multiprocessing
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -59,8 +60,9 @@ def run_training(
             check_changes(config, "training", source, checkpoint.record.config)
         size = num_processes(config, find_algorithm(config.algorithm))
         config = config.model_copy(update={"processes": size})
-        group = held.enter_context(group_of(size))
-        group.send((config, source, tuple(trust)))
+        job = config, source, tuple(trust)
+        group = held.enter_context(group_of(size, job))
+        group.share(job)
         evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
         prepared, model, env = build(config, held)
         config = prepared.config
@@ -80,7 +82,7 @@ def run_training(
         bar = Progress(total=total_steps, initial=steps, unit="step", disable=not (progress and is_open))
         bar.rate = 0.0
         keeper, share = RunCallback(prepared, model, run, evaluator, checkpoint, bar), Share(model, group)
-        group.send(run)
+        group.share(run)
         model.set_logger(Logger(str(run), [LOGGERS[name](run, steps + 1 if steps else None) for name in config.logger]))
         held.callback(model.logger.close)
         if is_open:
@@ -139,19 +141,22 @@ def write_reward(run: Path, config: TrainingConfig) -> None:
 def follow_remotely() -> Path:
     """Train as a process that `torchrun` has started, beside process 0; return the run folder."""
     with group_of(0) as group:
-        return follow(group)
+        return follow(group, *group.share(None))
 
 
-def follow(group: Alone) -> Path:
-    """Train with process 0 of a group, which evaluates the policy and writes the run folder; return this folder."""
-    config, source, trust = group.receive()
+def follow(group: Alone, config: TrainingConfig, source: Path | None, trust: tuple[str, ...]) -> Any:
+    """Train with process 0 of a group, which evaluates the policy and writes the run folder.
+
+    `source`: checkpoint to resume. `trust`: names of code that it may import. Returns the run folder in processes of
+    `torchrun`, None in others.
+    """
     with contextlib.ExitStack() as held:
         prepared, model, env = build(config, held)
         if source is not None:
             checkpoint = load_checkpoint(source, trust=[*trust, *named_code(config.model_dump())])
             _restore(model, env, checkpoint, source)
         model.set_logger(Logger(None, []))
-        share, run = Share(model, group), group.receive()
+        share, run = Share(model, group), group.share(None)
         left = prepared.num_updates * prepared.rollout_steps - model.num_timesteps
         if left > 0:
             model.learn(left, share, reset_num_timesteps=False)

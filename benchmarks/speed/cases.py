@@ -154,12 +154,10 @@ def train(name: str, processes: int) -> Iterator[int]:
         data = change(data, {"environment.num_worlds": 4})
     config: Any = parse_config(data | {"processes": processes, "total_steps": 10**9}, name)
     with contextlib.ExitStack() as held:
-        group = held.enter_context(group_of(processes))
-        group.send((config, None, ()))
+        group = held.enter_context(group_of(processes, (config, None, ())))
         prepared, model, _ = build(config, held)
         model.set_logger(Logger(None, []))
         share = Share(model, group)
-        group.send(None)
         while True:
             model.learn(prepared.rollout_steps, share, reset_num_timesteps=False)
             yield prepared.rollout_steps
