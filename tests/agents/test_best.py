@@ -3,17 +3,22 @@
 import json
 import logging
 import shutil
+from contextlib import closing
+from types import SimpleNamespace
 from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
-from lidarnaut.agents import callbacks, evaluation
+from lidarnaut.agents import callbacks, evaluation, learning
+from lidarnaut.agents.callbacks import MIN_ROLLOUTS
 from lidarnaut.agents.curves import curve_of, interval_of, read_evaluations, result_of
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.policy_names import parse_policy
 from lidarnaut.agents.run_folder import BEST, CheckpointError, find_checkpoint, is_measured, list_checkpoints
 from lidarnaut.agents.training import train
+from lidarnaut.envs.progress import Progress
 from tests.agents.test_training import changed
 
 SCORES = (5.0, 1.0, 9.0, 9.0, 2.0, 3.0)
@@ -154,3 +159,36 @@ def test_intervals_of_evaluations_have_a_width():
     assert interval_of(half, "success") == pytest.approx((0.299, 0.701), abs=1e-3)
     low, high = interval_of(half, "sct")
     assert 0.2 < low < 0.35 < 0.65 < high < 0.8
+
+
+def test_an_episode_whose_headline_is_not_finite_is_refused(tiny_config):
+    with closing(evaluation.Evaluator(tiny_config)) as evaluator:
+        vector = evaluation.make_vector(tiny_config.environment, "test", 1)
+        (history,) = evaluation.run_episodes(vector, lambda seen, starts: np.zeros((1, 2), dtype=np.float32))
+        assert evaluator.measure(history)["area"] > 0.0
+        history.samples["explored_area"][-1] = np.nan
+        with pytest.raises(ValueError, match="an episode has no finite area: nan"):
+            evaluator.measure(history)
+
+
+def test_the_bar_estimates_its_rate_from_training_alone(config, tmp_path, monkeypatch):
+    """By a clock of its own: a step takes 0.01 s, and an evaluation 1,000 s, which has no part in the rate."""
+    bars, seen, now = [], [], [0.0]
+
+    def lasting(method, seconds):
+        def timed(*args, **options):
+            now[0] += seconds
+            return method(*args, **options)
+
+        return timed
+
+    callback, start = callbacks.RunCallback, callbacks.RunCallback._on_rollout_start
+    monkeypatch.setattr(learning, "Progress", lambda **how: bars.append(Progress(**how)) or bars[-1])
+    monkeypatch.setattr(callbacks, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(callbacks.Evaluator, "policy", lasting(callbacks.Evaluator.policy, 1000.0))
+    monkeypatch.setattr(callback, "_on_step", lasting(callback._on_step, 0.01))
+    monkeypatch.setattr(callback, "_on_rollout_start", lambda self: start(self) or seen.append(bars[0].rate))
+    train(config, run=tmp_path / "run", progress=False)
+    assert seen[: MIN_ROLLOUTS + 1] == [0.0] * (MIN_ROLLOUTS + 1)
+    assert seen[-1] == pytest.approx(config.num_envs / 0.01)
+    assert "?" in Progress.format_meter(**{**bars[0].format_dict, "rate": 0.0})

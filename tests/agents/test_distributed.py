@@ -19,14 +19,13 @@ import numpy as np
 import pytest
 import torch
 from stable_baselines3 import PPO
-from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.type_aliases import RolloutBufferSamples
 
 from lidarnaut.agents import algorithms, distributed
 from lidarnaut.agents.algorithms import find_algorithm, num_processes
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.agents.distributed import EndedError, Limit, Local, Share
+from lidarnaut.agents.distributed import Limit, Local, Share
 from lidarnaut.agents.run_folder import find_checkpoint
 from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_vec_env
@@ -43,7 +42,7 @@ def make_groups(size):
     context = multiprocessing.get_context("spawn")
     shared = context.RawArray(ctypes.c_float, 2 * size * distributed.CHUNK)
     posts = [[context.Semaphore(0) for _ in range(size)] for _ in range(size)]
-    return [Local(rank, size, shared, posts, []) for rank in range(size)]
+    return [Local(rank, size, shared, posts) for rank in range(size)]
 
 
 def in_threads(function, *columns):
@@ -224,20 +223,3 @@ def test_ctrl_c_saves_and_ends_all_processes(tiny_data, tmp_path):
     assert "stopped at step" in lines[-1]
     assert "--resume" in lines[-1]
     assert not any("Traceback" in line for line in lines)
-
-
-def test_a_process_that_has_ended_is_found_while_others_wait():
-    (group, _), process = make_groups(2), SimpleNamespace(is_alive=lambda: False, exitcode=3)
-    group._pipes, group._processes = [SimpleNamespace(poll=lambda: False)], [process]
-    with pytest.raises(EndedError, match="process 1 of the training has ended with exit code 3"):
-        group.average(torch.zeros(3))
-
-
-def test_one_process_counts_its_own_steps():
-    config = tiny("PPO", "Explore")
-    with closing(make_vec_env(config)) as env:
-        model = untrained(config, env)
-        model.set_logger(Logger(None, []))
-        share = Share(model, distributed.Alone())
-        model.learn(16, share)
-    assert model.num_timesteps == 16

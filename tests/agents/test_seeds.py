@@ -134,12 +134,9 @@ def test_a_sweep_goes_on_with_more_seeds_and_with_no_other_settings(data, copies
         ({"seeds": [1]}, "seed_0 is no longer in the sweep: seeds may only be added"),
         ({"hyperparameters": {"n_steps": 16}}, "hyperparameters.n_steps: 32"),
         ({"seed": 1}, "seed: 'the default', not 1"),
-        ({"hyperparameters": {**data["hyperparameters"], "gamma": 0.9}}, "hyperparameters.gamma: .*, not"),
-        ({"num_envs": 2}, "num_envs: 4, not 2"),
         ({"environment": {**data["environment"], "world": "caves"}}, "environment.world: .the default., "),
         ({"environment": {"id": data["environment"]["id"]}}, "environment.time_limit: 4.0, not 'the def"),
         ({"total_steps": 64}, "128 of total_steps, more than 64"),
-        ({"network": {"hidden": 8}}, "network.hidden: 64, not 8"),
     ):
         with pytest.raises(CheckpointError, match=says):
             train_seeds(data | changes, "mem", run=folder, progress=False)
