@@ -165,7 +165,7 @@ def test_the_environments_of_several_robots_are_stepped_as_each_for_itself(how):
         np.testing.assert_equal(last, expected)
         ended += dones.sum()
     assert ended >= 5
-    assert [robot.name for robot in joined.get_attr("robot", [0, 2, 4])] == ["jackal"] * 2 + ["turtlebot3_burger"]
+    assert [one.name for one in joined.get_attr("robot_params", [0, 2, 4])] == ["jackal"] * 2 + ["turtlebot3_burger"]
     joined.close()
     for env in apart:
         env.close()
