@@ -59,6 +59,7 @@ class RunCallback(BaseCallback):
             self._replay = ReplayFiles(model.replay_buffer, run)
             self._replay.read(checkpoint.record.replay if checkpoint else {})
         self._has_news, self._num_ended, self._reported_steps = False, 0, 0
+        bar.rate = 0.0  # no estimate yet
         at_start, prior = self._config.evaluation.at_start, getattr(prepared.network, "prior", 0.0)
         self._evaluates_start = prior > 0.0 if at_start is None else at_start
         self._latest: Checkpoint | None = None

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -119,13 +119,15 @@ class Evaluator:
         decide_with(policy, self._env)
         return policy
 
-    def mark(self, name: str) -> str:
-        """Run one step of a non-learned policy, which finds its mistakes, and return its name.
+    def mark(self, names: Iterable[str]) -> dict[str, str]:
+        """Run one step of non-learned policies, which finds their mistakes; return their names in the table, by name.
 
-        The name is marked if the policy uses ground truth.
+        Names are marked if the policy uses ground truth. Raises ValueError if one is unknown, before the first step.
         """
-        prepare(self._env, policy := self.make_reference(name), seed=0, steps=1)
-        return marked(name, policy, self._env)
+        policies = {name: self.make_reference(name) for name in names}
+        for policy in policies.values():
+            prepare(self._env, policy, seed=0, steps=1)
+        return {name: marked(name, policy, self._env) for name, policy in policies.items()}
 
     def measure(self, history: EpisodeHistory) -> dict[str, float]:
         """Return task progress and performance measures of an episode by name.

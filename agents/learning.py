@@ -66,9 +66,7 @@ def run_training(
         evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
         prepared, model, env = build(config, held)
         config = prepared.config
-        for name in config.evaluation.references:
-            evaluator.make_reference(name)  # Unknown names are found before the first step.
-        references = {name: evaluator.mark(name) for name in config.evaluation.references}
+        references = evaluator.mark(config.evaluation.references)
         if checkpoint is None or source is None:
             run = held.enter_context(new_run(config, run))
         else:
@@ -80,7 +78,6 @@ def run_training(
         total_steps, steps = prepared.num_updates * prepared.rollout_steps, model.num_timesteps
         is_open = steps < total_steps or not is_measured(run)
         bar = Progress(total=total_steps, initial=steps, unit="step", disable=not (progress and is_open))
-        bar.rate = 0.0
         keeper, share = RunCallback(prepared, model, run, evaluator, checkpoint, bar), Share(model, group)
         group.share(run)
         model.set_logger(Logger(str(run), [LOGGERS[name](run, steps + 1 if steps else None) for name in config.logger]))

@@ -78,7 +78,11 @@ def train(
         from lidarnaut.agents.seeds import train_seeds
 
         return train_seeds(data, source, run=resume or run, jobs=jobs, progress=progress)
-    parsed = parse_config(data, source)
+    return _train(parse_config(data, source), run=run, resume=resume, trust=trust, progress=progress)
+
+
+def _train(parsed: Config, *, run: Path | None, resume: Path | None, trust: tuple[str, ...], progress: bool) -> Path:
+    """Train by a configuration of any kind. `trust`: for reinforcement learning alone."""
     if isinstance(parsed, EvolutionConfig):
         from lidarnaut.agents.frontiers.evolution import evolve
 
