@@ -80,7 +80,7 @@ class Options:
     dead_man: str | None = None
     """Topic (std_msgs/Bool) that must be true, at least every 0.5 s, for the robot to drive."""
     record: Path | None = None
-    """Bag of the session, `NAME.mcap`."""
+    """Bag of the session, `NAME.mcap`, a new file."""
     save_map: Path | None = None
     """Map to write at the end, `NAME.yaml` of map_server."""
     lidar_from_messages: bool = False
@@ -138,6 +138,8 @@ class Session:
                 check_positive(**{name: value})
         if options.save_map is not None and not map_paths(options.save_map)[1].parent.is_dir():
             raise ValueError(f"save_map: {options.save_map.parent} is not a folder")
+        if options.record is not None and options.record.exists():
+            raise ValueError(f"record: {options.record} exists; give another name or remove it")
         self.options, self._bridge, self._clock = options, bridge, Clock()
         robot = load_robot(options.robot)
         max_v, max_w = options.max_v or robot.max_v, options.max_w or robot.max_w

@@ -312,9 +312,10 @@ class Driver:
         """Estimate and observe the state at the newest odometry."""
         wheels, is_first = self._wheels, not self.has_begun
         stamp, before, (ranges, delays) = wheels.messages[-1][0], wheels.ticks, scan
+        is_paused = not (is_first or stamp - self._stamp <= self.timeout)
         if is_first:
             self._offset = stamp
-        elif not stamp - self._stamp <= self.timeout:  # a pause, or another clock
+        elif is_paused:  # or another clock
             self._offset = stamp - self._time - self.env.control_period
         self._time, self._scan_stamp = stamp - self._offset, scan_stamp
         if num_jumps := wheels.advance(self._stamp, self.timeout, self._rates, is_first=is_first):
@@ -326,6 +327,10 @@ class Driver:
         self._steady_stamp = self._steady_stamp if num_jumps else stamp
         rates = [rate for time, rate in self._rates if time <= stamp]
         yaw_rate = float(np.mean(rates)) if rates else 0.0
+        if rates and is_paused and self.robot.odometry.uses_gyro and wheels.ticks != before:
+            # The turn of the whole pause is in one control period, as the motion of the wheels.
+            period = self.env.control_period
+            yaw_rate *= min(stamp - self._stamp, stamp - self._rates[0][0] + period) / period
         if not (rates or is_first):
             (left, right), odometry = np.subtract(wheels.ticks, before), self.robot.odometry
             yaw_rate = float((right - left) * odometry.metres_per_tick / odometry.track / (stamp - self._stamp))
@@ -367,7 +372,8 @@ class Driver:
                 return "no goal yet"
             pose, goal = self.belief.pose, task.goal
             turn = abs(wrap_angle(pose.theta - goal.theta))
-            if math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= task.heading_tolerance:
+            is_near = math.dist(pose[:2], goal[:2]) <= task.goal_tolerance and turn <= task.heading_tolerance
+            if is_near and not self.belief.is_lost:
                 return "reached"
         return ""
 

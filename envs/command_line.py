@@ -151,3 +151,8 @@ def show_log(name: str = "lidarnaut") -> None:
 def make_console() -> Console:
     """Return a console on standard output, 180 columns wide if it is not a terminal."""
     return Console(width=None if sys.stdout.isatty() else 180)
+
+
+def plus_minus(value: float, digits: int) -> str:
+    """Return an uncertainty as text, such as `+- 0.02`, or `+- < 0.01`: a small one is not none."""
+    return f"+- {value:.{digits}f}" if value >= 0.5 * 10.0**-digits else f"+- < {10.0**-digits:.{digits}f}"

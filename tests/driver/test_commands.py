@@ -16,14 +16,16 @@ import numpy as np
 import pytest
 
 from lidarnaut.driver.driver import Driver
+from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.logs import messages
+from lidarnaut.envs.tasks.goals import known_map
 
 pytest.importorskip("websockets")
 
 from websockets.sync.server import serve
 
-from lidarnaut.driver import drive, program, rosbridge, viewer
+from lidarnaut.driver import drive, program, progress, rosbridge, viewer
 from lidarnaut.driver.commands import ENDED, BridgeCommands, CommandProcess, CommandTopic, _Sender, local_time
 from lidarnaut.driver.program import time_limited
 from lidarnaut.driver.rosbridge import Rosbridge
@@ -382,6 +384,15 @@ def test_failures_of_map_and_recording_are_said_once_and_end_neither_drive_nor_c
     assert path.exists()
 
 
+@pytest.mark.parametrize("lidar_from_messages", [False, True])
+def test_a_recording_is_not_replaced(tmp_path, lidar_from_messages):
+    path = tmp_path / "drive.mcap"
+    path.write_bytes(b"an hour of driving")
+    with pytest.raises(ValueError, match=r"^record: .*drive.mcap exists; give another name or remove it$"):
+        Drive(record=path, lidar_from_messages=lidar_from_messages)
+    assert path.read_bytes() == b"an hour of driving"
+
+
 def test_a_policy_that_fails_ends_the_drive_with_a_stop_and_what_can_be_written(tmp_path, monkeypatch):
     def fail(*_):
         raise OSError("no space")
@@ -538,6 +549,41 @@ def test_the_state_is_said_every_ten_seconds(caplog):
     assert len(lines) == 2
     assert "m to the goal 2 0.5" in lines[1]
     assert "1 dropped: imu that is not finite" in lines[1]
+
+
+def test_a_pose_that_is_not_confirmed_is_not_said(caplog, monkeypatch):
+    caplog.set_level("INFO")
+    monkeypatch.setattr(progress, "REPORT_PERIOD", 0.0)
+    robot = SimulatedRobot("turtlebot3_house", "turtlebot3_burger", rate=10.0, start="spawn")
+    run = Drive(robot=robot, policy="pursuit", goal=(3.0, 1.0), map=known_map(robot.area))
+    said = []
+    for _ in range(400):
+        caplog.clear()
+        run.step()
+        belief, line = run.session.driver.belief, next(r.getMessage() for r in caplog.records if "m2" in r.getMessage())
+        said.append((belief.is_lost, len(belief.hypotheses), line))
+        if len(said) > 2 and not belief.is_lost:
+            break
+    assert said[0][0]
+    assert not said[-1][0]
+    for is_lost, count, line in said:
+        assert ("not localized yet" in line) == is_lost == (" at " not in line) == ("to the goal" not in line)
+        assert (f"({count} hypotheses)" in line) == (is_lost and count > 1)
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_a_lost_robot_has_reached_no_goal(count, caplog, monkeypatch):
+    caplog.set_level("INFO")
+    monkeypatch.setattr(progress, "REPORT_PERIOD", 0.0)
+    run = Drive(goal=(0.0, 0.0))
+    run.step(2)
+    driver = run.session.driver
+    assert driver.reason == "reached"
+    driver.belief.is_lost, driver.belief.rivals = True, np.ones((count, 4))
+    assert driver._why_stopped(run.session.time) == ""
+    caplog.clear()
+    run.session._progress.note(driver, run.session.time)
+    assert caplog.messages[-1].split(", ")[1:] == ["lost (3 hypotheses)" if count else "lost"]
 
 
 def test_a_driver_is_imported_on_first_use():

@@ -14,10 +14,12 @@ from lidarnaut.baselines.episode import begin_episode, decide_with
 from lidarnaut.driver import Driver
 from lidarnaut.driver.simulated_robot import SimulatedRobot
 from lidarnaut.envs.geometry import wrap_angle
-from lidarnaut.envs.logs.trajectory import compose_poses, odometry_scales
+from lidarnaut.envs.logs.log import load_log
+from lidarnaut.envs.logs.trajectory import between_poses, compose_poses, odometry_scales
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.worlds import load_world
+from lidarnaut.envs.wrappers import BagRecorder
 
 from .feeding import feed
 from .loop import IDEAL, LINKS, Link, Loop
@@ -250,6 +252,26 @@ def test_a_gyroscope_replaces_the_turns_of_the_wheels(motion, rate):
         feed(driver, 0.1 * k, counts if motion == "encoders" else (0.0, 0.0, 0.1 * k), rate=rate)
     turned = wrap_angle(3.0) if rate is None else 3.0 * rate
     assert driver.belief.pose.theta == pytest.approx(turned, abs=0.08)
+
+
+@pytest.mark.parametrize("pause", [0.0, 2.0])
+@pytest.mark.parametrize("gyro", [False, True])
+def test_a_recording_holds_the_odometry_of_the_driver_also_of_pauses(gyro, pause, tmp_path):
+    how = {"gyro": gyro, "slam": "odometry", "odometry_scales": (1.5, 1.0)}
+    driver = Driver(make_explorer("pursuit"), BURGER, **how)
+    recorder = BagRecorder(driver.env, tmp_path / "drive.mcap")
+    for k in range(61):
+        if 2.0 <= 0.1 * k < 2.0 + pause:
+            driver.odometry((0.01 * k, 0.0, 0.0), 0.1 * k)
+            driver.imu(0.5, 0.1 * k)
+        else:
+            feed(driver, 0.1 * k, (0.01 * k, 0.0, 0.0), rate=0.5)
+    recorder.close()
+    log = load_log(tmp_path / "drive.mcap")
+    steps = between_poses(log.odometry[:-1], log.odometry[1:])
+    assert steps[:, 2].sum() == pytest.approx(3.0 * gyro, abs=1e-6)
+    assert np.hypot(*steps[:, :2].T).sum() == pytest.approx(1.5 * 0.6, abs=0.02)
+    assert log.odometry[-1] == pytest.approx(np.array(driver.belief.pose), abs=1e-6)
 
 
 @pytest.mark.parametrize("planner", ["rpp", "dwb", "mppi"])
