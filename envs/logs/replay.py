@@ -16,7 +16,7 @@ from rich import box
 from rich.table import Table
 from tqdm import tqdm
 
-from lidarnaut.envs.command_line import make_console, run_command
+from lidarnaut.envs.command_line import make_console, plus_minus, run_command
 from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.geometry import Pose2D
@@ -131,19 +131,22 @@ def main(options: Options) -> list[Run]:
             raise ValueError(f"{options.log}, {name}: {said}") from error
     if len(names) > 1:
         make_console().print(comparison(runs))
+        if disagreeing := _disagreement(runs):
+            tqdm.write(disagreeing)
     return runs
 
 
 def comparison(runs: list[Run]) -> Table:
-    """Return a table of errors and computation times (medians over seeds), one row per SLAM."""
+    """Return a table of errors, scales and computation times (medians over seeds), one row per SLAM."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     heads = [f"{label}, m / deg" for label in runs[0].errors]
-    further = ["lost", "conflicts", "ms per scan: mean", "99 %", "worst", "loop closures"]
+    further = ["distances x", "lost", "conflicts", "ms per scan: mean", "99 %", "worst", "loop closures"]
     for k, head in enumerate(["SLAM", *heads, *further]):
         table.add_column(head, justify="right" if k else "left", no_wrap=k == 0)
     for name in dict.fromkeys(run.slam for run in runs):
         own = [run for run in runs if run.slam == name]
         cells = ["{:.3f} / {:.2f}".format(*error) for error in _median_errors(own).values()]
+        cells.append(_factor(*_median_scale(own)))
         cells += [f"{100 * np.median([getattr(r, f) for r in own]):.1f} %" for f in ("lost_share", "conflict_share")]
         for f in ("milliseconds", "milliseconds_p99", "milliseconds_max"):
             cells.append(f"{np.median([getattr(run, f) for run in own]):.2f}")
@@ -189,7 +192,7 @@ def _line(run: Run) -> str:
     line += "".join(f"; {label} {error}" for label, error in run.errors.items())
     line += "" if run.loop_closures is None else f"; {run.loop_closures} loop closures"
     line += "; odometry fits best with distances x {:.3f} and turns x {:.3f}".format(*run.odometry_scales)
-    line += "" if math.isnan(run.scale_std) else f" (95 %: distances +- {SCALE_T * run.scale_std:.3f})"
+    line += "" if math.isnan(run.scale_std) else f" (95 %: distances {_interval(run.scale_std)})"
     return f"{line}; lost at {100 * run.lost_share:.1f} % of scans, {100 * run.conflict_share:.1f} % of beams conflict"
 
 
@@ -210,7 +213,36 @@ def _complaint(run: Run) -> str | None:
 
 
 def _scale(run: Run) -> str:
-    return f"distances are {run.odometry_scales[0]:.3f} +- {SCALE_T * run.scale_std:.3f} times those of odometry"
+    return f"distances are {_factor(run.odometry_scales[0], run.scale_std)} times those of odometry"
+
+
+def _factor(scale: float, std: float) -> str:
+    return f"{scale:.3f}" if math.isnan(std) else f"{scale:.3f} {_interval(std)}"
+
+
+def _interval(std: float) -> str:
+    return plus_minus(SCALE_T * std, 3)
+
+
+def _median_scale(runs: list[Run]) -> tuple[float, float]:
+    scale, std = np.median([(run.odometry_scales[0], run.scale_std) for run in runs], axis=0).tolist()
+    return scale, std
+
+
+def _disagreement(runs: list[Run]) -> str:
+    """Return a line that names the SLAMs with the smallest and the largest scale if their intervals are apart."""
+    names = dict.fromkeys(run.slam for run in runs if base_name(run.slam) != "odometry")
+    found = {name: _median_scale([run for run in runs if run.slam == name]) for name in names}
+    known = {name: one for name, one in found.items() if not math.isnan(one[1])}
+    if not known:
+        return ""
+    low = min(known, key=lambda name: known[name][0] + SCALE_T * known[name][1])
+    high = max(known, key=lambda name: known[name][0] - SCALE_T * known[name][1])
+    (first, first_std), (last, last_std) = known[low], known[high]
+    if last - first <= SCALE_T * (first_std + last_std):
+        return ""
+    told = f"{low} ({_factor(first, first_std)}) and {high} ({_factor(last, last_std)})"
+    return f"the scales of {told} disagree: their intervals are statistical only, without the distortion of a map"
 
 
 def _median_errors(runs: list[Run]) -> dict[str, np.ndarray]:

@@ -225,7 +225,7 @@ def test_a_map_that_contradicts_its_scans_must_not_be_trusted(tmp_path, capsys):
     [
         (400, lambda k: 1.0, "distances x 1.000 and", ("do not trust", "scale of")),
         (400, lambda k: 0.992 + 0.004 * (k % 2), "distances x 0.994 and", ("do not trust", "scale of")),
-        (400, lambda k: 0.97, "scale of {}: distances are 0.970 +- 0.000 times those of odometry", ("do not trust",)),
+        (400, lambda k: 0.97, "scale of {}: distances are 0.970 +- < 0.001 times those of odometry", ("do not trust",)),
         (400, lambda k: 0.94, "do not trust {}, seed 0: its scale or odometry's is wrong: distances are 0.940", ()),
         (400, lambda k: 1.06, "do not trust {}, seed 0: its scale or odometry's is wrong: distances are 1.060", ()),
         (400, lambda k: 0.93 + 0.07 * (k > 200), "do not trust {}, seed 0: its scale varies along the path", ()),
@@ -254,6 +254,43 @@ def test_the_scale_of_a_map_is_compared_with_that_of_odometry(tmp_path, capsys, 
     found = capsys.readouterr().out
     assert said.format(name) in found
     assert not [text for text in unsaid if text in found]
+
+
+@pytest.mark.parametrize(
+    ("scales", "names", "column", "said"),
+    [
+        ((1.018, 1.02), "one two", ["1.018 +- < 0.001", "1.020 +- < 0.001"], True),
+        ((1.02, 1.018), "one two", ["1.020 +- < 0.001", "1.018 +- < 0.001"], True),
+        ((1.02, 1.02), "one two", ["1.020 +- < 0.001", "1.020 +- < 0.001"], False),
+        ((1.018, math.nan), "one odometry", ["1.018 +- < 0.001", "1.000 +- < 0.001"], False),
+    ],
+)
+def test_scales_of_several_slams_are_compared(tmp_path, capsys, scales, names, column, said):
+    def scaled(scale):
+        class Scaled(TurningSlam):
+            def reset(self, rng):
+                self.pose = Pose2D(0.0, 0.0, 0.0)
+
+            def update(self, reading, motion):
+                self.pose = self.pose.compose(Pose2D(scale * motion.x, 0.0, motion.theta))
+                self.belief = Belief(self.pose, self.grid)
+                return self.belief
+
+        return Scaled
+
+    module, k = sys.modules[__name__], np.arange(401.0)
+    module.one, module.two = map(scaled, scales)
+    arrays = {"t": k, "odo": np.stack([0.1 * k, 0 * k, 0 * k], axis=1), "idx": np.arange(401)}
+    arrays |= {"ranges": np.full((401, 2), 2.0), "ang0": -0.5 * math.pi, "dang": math.pi}
+    slam = tuple(name if name == "odometry" else OWN + name for name in names.split())
+    main(Options(write_arrays(tmp_path, **arrays), slam=slam))
+    table = capsys.readouterr().out.partition("SLAM  ")[2]
+    assert "distances x" in table.splitlines()[0]
+    assert [row.partition("  ")[2].strip().partition("  ")[0] for row in table.splitlines()[2:4]] == column
+    assert "+- 0.000" not in table
+    low, high = sorted(zip(scales, slam)) if said else [(0, "")] * 2
+    told = f"the scales of {low[1]} ({low[0]:.3f} +- < 0.001) and {high[1]} ({high[0]:.3f} +- < 0.001) disagree"
+    assert (f"{told}: their intervals are statistical only" in table) == said
 
 
 def test_replay_begins_with_the_slam_of_environments_and_no_preset_of_one_log(log):
