@@ -95,7 +95,8 @@ class Options:
     stamped: bool = False
     """Send commands as TwistStamped instead of Twist; also done if the server names this type."""
     odometry_scales: tuple[float, float] = (1.0, 1.0)
-    """Factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a recorded drive."""
+    """Factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a recorded drive; those of
+    `imu_topic` stay."""
     seed: int = 0
     """Seed of estimator and policy."""
     namespace: str = ""

@@ -33,7 +33,7 @@ class BagRecorder:
     def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
         """Start recording a (possibly wrapped) environment, whose next call must be `reset`.
 
-        `path`: bag file `NAME.mcap`, created when complete.
+        `path`: bag file `NAME.mcap`, created when complete; replaces a file of this name.
 
         Raises:
             TypeError: the environment has no robot with a lidar.
