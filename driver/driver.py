@@ -327,13 +327,14 @@ class Driver:
         self._steady_stamp = self._steady_stamp if num_jumps else stamp
         rates = [rate for time, rate in self._rates if time <= stamp]
         yaw_rate = float(np.mean(rates)) if rates else 0.0
-        if rates and is_paused and self.robot.odometry.uses_gyro and wheels.ticks != before:
-            # The turn of the whole pause is in one control period, as the motion of the wheels.
-            period = self.env.control_period
-            yaw_rate *= min(stamp - self._stamp, stamp - self._rates[0][0] + period) / period
+        elapsed, period = stamp - self._stamp, self.env.control_period
+        if is_paused and self.robot.odometry.uses_gyro:  # a period has the turn of the pause, as the wheels' motion
+            covered = min(elapsed, stamp - self._rates[0][0] + period) if rates else period
+            yaw_rate *= covered / period if wheels.ticks != before else 1.0
+            elapsed = period
         if not (rates or is_first):
             (left, right), odometry = np.subtract(wheels.ticks, before), self.robot.odometry
-            yaw_rate = float((right - left) * odometry.metres_per_tick / odometry.track / (stamp - self._stamp))
+            yaw_rate = float((right - left) * odometry.metres_per_tick / odometry.track / elapsed)
         self.env.simulator.sample = Sample(self._time, ranges, wheels.ticks, yaw_rate, self._touched)
         self._stamp, self._touched, self._fault = stamp, False, ""
         while self._rates and self._rates[0][0] <= stamp:
