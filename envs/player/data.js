@@ -128,7 +128,8 @@ class Episode {
       const isChosen = k - begin === this.decision_chosen[decision];
       found.push({ x: worldX, y: worldY, cost, visible, failures, score, isChosen });
     }
-    return found.sort((a, b) => (Number.isNaN(a.score) ? a.cost - b.cost : b.score - a.score));
+    const rank = ({ score }) => (Number.isNaN(score) ? -Infinity : score); // those without a score are last
+    return found.sort((a, b) => rank(b) - rank(a) || a.cost - b.cost);
   }
 
   /** Return the policy's markers at a sample: kind and both ends, world frame; probability and side of cells. */

@@ -8,7 +8,8 @@ def synthetic(
 ):
     """Return an episode in a hall of `size` [m] with a map that grows by columns; one sample per 0.5 s.
 
-    `flicker` cells in the last three metres change with every sample, and every fourth second is a decision.
+    `flicker` cells in the last three metres change with every sample, and every fourth second is a decision for the
+    last candidate, which has the highest score; the third one has none.
     `has_trees`: with two random trees, a found point and two goals; one tree vanishes after 40 s.
     `is_bare`: with a person and another robot, without map, candidates, plan and pose error.
     """
@@ -36,6 +37,8 @@ def synthetic(
     decisions = np.arange(0.0, duration, 4.0)
     candidates = rng.uniform(0.5, 7.0, (len(decisions) * num_candidates, len(CANDIDATE_COLUMNS)))
     candidates[:, 4] = 0.0
+    scores = candidates[:, 5].reshape(len(decisions), num_candidates)
+    scores[:, 2:3], scores[:, -1:] = np.nan, 8.0
     noise = rng.normal(0.0, 0.02, (n, 2))
     angles = np.linspace(-np.pi, np.pi, 90, endpoint=False)
     about = {}
@@ -65,7 +68,7 @@ def synthetic(
         plans=rng.uniform(0.0, 5.0, (0 if is_bare else 6 * n, 2)),
         plan_ends=(0 if is_bare else 6) * np.arange(1, n + 1),
         decision_times=decisions,
-        decision_chosen=np.zeros(len(decisions), dtype=np.int32),
+        decision_chosen=np.full(len(decisions), num_candidates - 1, dtype=np.int32),
         candidates=candidates,
         candidate_ends=(num_candidates * np.arange(1, len(decisions) + 1)),
         markers=[

@@ -49,6 +49,7 @@ def test_time_is_set_by_line_keys_and_plot_and_runs_by_itself_for_both_episodes(
     assert report["played"] > 1.0
     assert report["explored"]["opened"] == ["43.3 %", "71.7 %"]
     assert report["explored"]["end"] == ["100.0 %", "100.0 %"]
+    assert "score 8.00; number 1 of 5 by score" in report["decisions"]["opened"][0]
     assert "Ended after 0:30: time limit" in report["decisions"]["end"][1]
     assert report["isMapRestored"]
     assert report["isMapChanged"]
