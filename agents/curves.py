@@ -2,7 +2,6 @@
 
 import csv
 import io
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +19,8 @@ LEARNED_NAMES = LEARNED, LEARNED + GROUND_TRUTH
 """Possible names of the trained policy in the evaluation table; the second marks observations with ground truth."""
 SCORES = "scores"
 """Column with the headline (main) measure of each episode, as numbers separated by spaces."""
+DASH = 4.0
+"""Length of the dashes of reference policies [line widths]."""
 HEADLINES = {"sct": "success weighted by completion time (SCT)", "spl": "success weighted by path length (SPL)"}
 VALIDATION: Literal["validation"] = "validation"
 TEST: Literal["test"] = "test"
@@ -98,16 +99,18 @@ def draw_learning_curve(rows: Sequence[Row], title: str, path: Path, axis: str =
     learned, result, name = curve_of(rows), result_of(rows), _plain(rows[-1]["policy"])
     steps = [int(row["steps"]) for row in learned]
     for axes, measure in zip(figure.subplots(1, 2), (share, headline), strict=True):
-        axes.plot(steps, [float(row[measure]) for row in learned], color="C0", marker=".", label=name)
+        axes.plot(steps, [float(row[measure]) for row in learned], "C0o-", markersize=4, zorder=3, label=name)
         if measure != "progress":
             low, high = np.array([interval_of(row, measure) for row in learned]).T
-            axes.fill_between(steps, low, high, color="C0", alpha=0.15, linewidth=0)
+            axes.fill_between(steps, low, high, color="C0", alpha=0.15, linewidth=2 * (len(steps) == 1))
         if result is not None and result.get("split") == TEST:
             label = f"{name}, best checkpoint in test episodes"
-            axes.plot(int(result["steps"]), float(result[measure]), "C0*", markersize=13, label=label)
+            axes.plot(int(result["steps"]), float(result[measure]), "C0*", markersize=15, fillstyle="none", label=label)
         references = [row for row in rows if row["policy"] not in LEARNED_NAMES]
-        for row, style in zip(references, itertools.cycle(("--", ":", "-.", "-"))):
-            axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=_plain(row["policy"]))
+        for k, row in enumerate(references, 1):
+            dashes = -k * DASH, (DASH, DASH * max(len(references) - 1, 1))  # those of equal lines alternate
+            axes.axhline(float(row[measure]), color=f"C{k}", linestyle=dashes, label=_plain(row["policy"]))
+        axes.set_xlim(left=0.0)
         axes.xaxis.set_major_locator(MaxNLocator(6))
         axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         names = {"progress": "completed share of the task", "success": "share of goals reached"}
@@ -115,7 +118,7 @@ def draw_learning_curve(rows: Sequence[Row], title: str, path: Path, axis: str =
         low, high = axes.get_ylim()  # with a margin
         axes.set_ylim(min(low, 0.0), max(high, 1.0) if measure == share else high)
         axes.grid(alpha=0.3)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5, handlelength=4.0)
     _save(figure, path)
 
 

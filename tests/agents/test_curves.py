@@ -48,3 +48,18 @@ def test_names_of_others_are_drawn_as_they_are(tmp_path):
         warnings.simplefilter("error")
         draw_learning_curve(rows, "$\\frac{$", tmp_path / "a.png")
         draw_seeds(np.zeros((1, 4)), "$\\x$", "$\\x$", tmp_path / "b.png")
+
+
+def test_one_validation_and_equal_references_are_visible(tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr("lidarnaut.agents.curves._save", lambda figure, path: figures.append(figure))
+    rows = [ROW | {"policy": name, "split": "test"} for name in ("dwb", "mppi")]
+    draw_learning_curve([*rows, ROW | {"steps": 60_000, "split": "validation"}], "title", tmp_path / "a.png")
+    for axes in figures[0].axes:
+        assert axes.get_xlim()[0] == 0.0
+        learned, *references = axes.lines
+        assert learned.get_marker() == "o"
+        assert axes.collections[0].get_linewidth() > 0.0  # the interval
+        assert len({line.get_color() for line in (learned, *references)}) == 3
+        (start, (dash, gap)), (next_start, _) = (line._unscaled_dash_pattern for line in references)
+        assert abs(next_start - start) == dash <= gap
