@@ -84,7 +84,7 @@ def gallery_section(folder: Path, episodes: Episodes) -> Section | None:
     text = (
         f"For each policy, the episodes with the median and the worst {episodes.measures.headline.label} over all "
         "worlds. The last image of a strip is the final map, with people in orange. Colours: time of first observation "
-        "of a cell, unless the map was given. Red: true walls."
+        "of a cell, unless the map was given. Red: true walls. Green ring: goal."
     )
     return Section("Typical and worst episodes", (text, *strips)) if strips else None
 

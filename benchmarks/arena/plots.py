@@ -31,7 +31,8 @@ def hex_color(color: style.Colour) -> str:
 
 PAPER, INK, MUTED = "#ffffff", hex_color(style.INK), hex_color(style.MUTED)
 UNKNOWN, ERROR, PERSON = "#e7e9ed", "#d43d2a", hex_color(style.PERSON)
-LINES = (*map(hex_color, (style.TRUE, style.ESTIMATED, style.FRONTIER, style.LOOP)), "#d69400", "#42a5e0")
+GOAL = hex_color(style.FRONTIER)
+LINES = (*map(hex_color, (style.TRUE, style.ESTIMATED)), GOAL, hex_color(style.LOOP), "#d69400", "#42a5e0")
 """Line colours of policies; if there are more policies, colours repeat with the next line style."""
 DASHES = ("solid", (0, (5.0, 1.2)), (0, (6.0, 1.5, 1.5, 1.5)))
 TIMES = LinearSegmentedColormap.from_list("times", ("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"))
@@ -183,13 +184,13 @@ def draw_growth(policy: str, trace: Trace) -> Figure:
     row[0].set_ylabel(wrapped(policy, round(10 * height)), fontsize=10)
     if not trace.is_given:
         colors = ScalarMappable(Normalize(0.0, max(end, 1e-9)), TIMES)
-        bar = figure.colorbar(colors, ax=row[-1], fraction=0.08, pad=0.03, ticks=[0.0, round(end)])
+        bar = figure.colorbar(colors, ax=row[-1], fraction=0.08, pad=0.03, ticks=[0.0, end], format="%.0f")
         bar.set_label("first observed [s]")
     return figure
 
 
 def draw_map(axes: Axes, trace: Trace, moment: float) -> None:
-    """Draw the map known at `moment` [s], with path and true walls."""
+    """Draw the map known at `moment` [s], with path, goal and true walls."""
     known = trace.known_since <= moment
     picture = np.full((*known.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
     since = trace.known_since[known] / max(float(trace.curve.time[-1]), 1e-9)
@@ -208,3 +209,5 @@ def draw_map(axes: Axes, trace: Trace, moment: float) -> None:
     axes.plot(*trail.T, color=INK, linewidth=1.0)
     axes.plot(*trail[0], marker="o", markersize=4, color=PAPER, markeredgecolor=INK)
     axes.plot(*trail[-1], marker="o", markersize=4.5, color=ERROR, markeredgecolor=PAPER)
+    goal = trace.start.transform(trace.goal)
+    axes.plot(*goal, "o", markersize=8, fillstyle="none", markeredgecolor=GOAL, markeredgewidth=2.0)

@@ -17,6 +17,7 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.occupancy_grid import crop_to_known, known_window
 
 WHAT, HINT = "trace of an episode", "choose another --out, or remove the folder"
+NO_GOAL = np.full(2, np.nan, dtype=np.float32)
 
 
 class ProgressCurve(NamedTuple):
@@ -52,6 +53,8 @@ class Trace:
     """True cylinders (x, y, radius) in the world frame, shape (m, 3), float32 [m]."""
     people: np.ndarray
     """True people (x, y, radius) at the end, in the world frame, shape (k, 3), float32 [m]."""
+    goal: np.ndarray
+    """Last goal (x, y) in the map frame, shape (2,), float32 [m]; NaN without a goal."""
 
     @property
     def is_given(self) -> bool:
@@ -62,7 +65,8 @@ class Trace:
         archive = io.BytesIO()
         curve = np.stack(self.curve).astype(np.float32)
         grid: dict[str, Any] = {"map": self.grid.data, "resolution": self.grid.resolution, "origin": self.grid.origin}
-        others = {name: getattr(self, name) for name in ("known_since", "start", "segments", "circles", "people")}
+        names = ("known_since", "start", "segments", "circles", "people", "goal")
+        others = {name: getattr(self, name) for name in names}
         np.savez_compressed(archive, curve=curve, trail=self.trail, **grid, **others)
         return archive.getvalue()
 
@@ -73,7 +77,8 @@ class Trace:
             grid = OccupancyGrid(file["map"], float(file["resolution"]), (float(x), float(y)))
             curve = ProgressCurve(*file["curve"])
             start = Pose2D(*map(float, file["start"]))
-            shapes = file["segments"], file["circles"], file["people"]
+            goal = file["goal"] if "goal" in file else NO_GOAL  # of an earlier version
+            shapes = file["segments"], file["circles"], file["people"], goal
             return cls(curve, file["trail"], grid, file["known_since"], start, *shapes)
 
 
@@ -109,6 +114,7 @@ class Recorder:
             env.world.segments.astype(np.float32),
             env.world.circles.astype(np.float32),
             env.simulator.people[:, [0, 1, 4]].astype(np.float32),
+            NO_GOAL if env.task.goal is None else np.array(env.task.goal[:2], dtype=np.float32),
         )
 
     def _fit(self, grid: OccupancyGrid) -> None:

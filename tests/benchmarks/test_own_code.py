@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from lidarnaut.benchmarks.arena.runner import Evaluation
@@ -89,6 +90,9 @@ def test_what_observes_ground_truth_or_says_that_it_uses_some_is_a_bound_too(own
         assert f"| bound: {name} |" in page, name
     assert "| ppo:pretrained/reach |" in page
     assert "4. " not in page
+    goals = [Trace.load(path).goal for path in (out / "episodes").iterdir()]
+    assert len(np.unique(goals, axis=0)) == 2  # of two worlds
+    assert np.linalg.norm(goals, axis=1).min() > 1.0
 
 
 def test_the_observation_of_the_environment_marks_those_that_look_at_it(own_folder, no_overview):

@@ -1,9 +1,11 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lidarnaut.benchmarks.arena.evaluation_folder import read_table
+from lidarnaut.benchmarks.arena.plots import draw_growth
 from lidarnaut.benchmarks.arena.trace import Trace
 from lidarnaut.benchmarks.arena.workers import describe
 from lidarnaut.envs.logs import load_log
@@ -59,6 +61,18 @@ def test_traces_hold_the_maps_as_they_grew(folder):
     cells = np.argwhere(trace.grid.data >= 65)
     points = trace.start.transform(trace.grid.centers(cells[np.isfinite(trace.known_since[tuple(cells.T)])]))
     assert np.mean(wall_distances(points, trace.segments, trace.circles) < 0.15) > 0.95
+
+
+def test_strips_show_the_goal_and_label_both_ends_of_the_colour_bar(folder):
+    path, _ = sorted((folder / "episodes").glob("nearest*"))
+    trace = Trace.load(path)
+    assert np.isnan(trace.goal).all()
+    slower = trace.curve._replace(time=0.9 * trace.curve.time)
+    *maps, bar = draw_growth("nearest", replace(trace, curve=slower, goal=np.array([1.0, 2.0]))).axes
+    assert [label.get_text() for label in bar.get_yticklabels()] == ["0", "4"]
+    assert bar.get_ylim() == (0.0, pytest.approx(bar.get_yticks()[1]))
+    for axes in maps:
+        np.testing.assert_allclose(axes.lines[-1].get_xydata(), [trace.start.transform(np.array([1.0, 2.0]))])
 
 
 def test_the_report_links_to_pages_of_typical_and_worst_episodes(folder):
