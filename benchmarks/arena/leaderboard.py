@@ -16,6 +16,13 @@ DRIFT = 0.3
 """RMS position error above which the report describes a map as drifted [m]."""
 
 
+def section_of(title: str, text: str, *tables: Table) -> Section:
+    """Return a section with `text`, the meaning of bold values if there are some, a table, and one of all measures."""
+    has_best = any(cell.is_best for table in tables for line in table.lines for cell in line)
+    text = f"{text}{' Bold: better than all others, with intervals apart.' * has_best}".strip()
+    return Section(title, (*filter(None, [text]), tables[0], *(Section("All measures", (one,)) for one in tables[1:])))
+
+
 def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cell]:
     best = best_of(estimates, measure)
     return {policy: Cell.of(value, measure, policy == best) for policy, value in estimates.items()}
@@ -47,20 +54,20 @@ def ranking_sections(episodes: Episodes) -> list[Section]:
     """
     measures, headline = episodes.measures, episodes.measures.headline
     ranked = "Ranks such as 1-3" if any(ranks(episodes).values()) else "No ranks"
-    text = f"Ordered by success, then by {measures.decisive.label}. {ranked}: pairs of episodes do not decide. "
-    text += f"Ratios are to {short(episodes.reference)}'s. " * bool(measures.ratios)
-    text = text * (len(episodes.policies) > 1) + "Bold: better than all others, with intervals apart."
+    text = f"Ordered by success, then by {measures.decisive.label}. {ranked}: pairs of episodes do not decide."
+    text += f" Ratios are to {short(episodes.reference)}'s." * bool(measures.ratios)
+    text *= len(episodes.policies) > 1
     if headline.note:
         text += f" {headline.label[:1].upper()}{headline.label[1:]}: {headline.note}."
     if episodes.bound:
         text += " Policies that use ground truth are performance bounds and are not ranked."
-    tables = ranking_table(episodes, measures.shown), Section("All measures", (ranking_table(episodes, measures.all),))
+    tables = [ranking_table(episodes, names) for names in (measures.shown, measures.all)]
     if not (unseen := episodes.unseen()):
-        return [Section("Leaderboard", (text, *tables))]
+        return [section_of("Leaderboard", text, *tables)]
     number, total = (len(set(map(start_of, part))) for part in (unseen, episodes))
     text += f" These are the {number} starts in worlds or with robots not used in training."
-    first = Section("Leaderboard", (text, ranking_table(unseen, measures.shown)))
-    return [first, Section(f"All {total} starts, including training worlds", tables)]
+    first = section_of("Leaderboard", text, ranking_table(unseen, measures.shown))
+    return [first, section_of(f"All {total} starts, including training worlds", "", *tables)]
 
 
 def worlds_section(episodes: Episodes) -> Section:
@@ -71,7 +78,7 @@ def worlds_section(episodes: Episodes) -> Section:
         lines.append([Cell(case), *(cells.get(policy, DASH) for policy in episodes.policies)])
     unit = f" [{measure.unit}]" * bool(measure.unit)
     text = f"{measure.label[:1].upper()}{measure.label[1:]}{unit}, interquartile mean."
-    return Section("World by world", (text, Table(("", *map(short, episodes.policies)), lines)))
+    return section_of("World by world", text, Table(("", *map(short, episodes.policies)), lines))
 
 
 def axis_section(episodes: Episodes, axis: str) -> Section | None:

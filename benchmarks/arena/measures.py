@@ -65,12 +65,12 @@ def ratio_of(time: Measure) -> Measure:
     return replace(time, name=f"{time.name}_ratio", label=label, unit="", digits=2, scale=1.0)
 
 
-def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, str]:
+def texts(measure: Measure, estimate: Estimate, sign: str = "", mark: str = "") -> tuple[str, str]:
     """Format an estimate for a table cell: text and note, such as ("41", "35 to 47") with the 95 % interval as note.
 
     If some episodes missed a threshold, the text is a lower bound ("> 310 s"), and the note counts those that reached
     it ("1 of 8"). If all missed it, one of the two is "never". Intervals of few values say so ("35 to 47; only 2
-    starts"). `sign="+"` adds a plus sign to positive values.
+    starts"), or end with `mark`. `sign="+"` adds a plus sign to positive values.
     """
     numbers = (measure.text(value, sign) for value in estimate[:3])
     middle, low, high = (f"> {text}" if bound else text for text, bound in zip(numbers, estimate.is_bound))
@@ -80,8 +80,8 @@ def texts(measure: Measure, estimate: Estimate, sign: str = "") -> tuple[str, st
         return ("never", middle) if measure.limit else (middle, "never")
     if estimate.is_bound[1]:
         return middle, f"{estimate.n - estimate.never} of {estimate.n}"
-    few = few_starts(estimate.n)
-    return middle, few[2:] if few and estimate.low == estimate.high else f"{low} to {high}{few}"
+    few = few_starts(estimate.n) and (mark or few_starts(estimate.n))
+    return middle, few.removeprefix("; ") if few and estimate.low == estimate.high else f"{low} to {high}{few}"
 
 
 def few_starts(number: int) -> str:

@@ -23,6 +23,10 @@ MAX_OPEN_LINES = 10
 """Maximum number of rows of a table shown inline. HTML collapses longer tables; Markdown links to a CSV file."""
 
 
+FEW = "*"
+"""Mark of intervals of few starts."""
+
+
 class Cell(NamedTuple):
     """Cell of a report table."""
 
@@ -32,10 +36,14 @@ class Cell(NamedTuple):
     is_best: bool = False
     link: str = ""
     """Target of a link, relative to the HTML report; ignored in Markdown."""
+    few: int = 0
+    """Number of starts if they are too few for an interval, whose note ends with `FEW`; otherwise 0."""
 
     @classmethod
     def of(cls, value: Estimate, measure: Measure, is_best: bool = False, sign: str = "") -> "Cell":
-        return cls(*texts(measure, value, sign), is_best)
+        text, note = texts(measure, value, sign, FEW)
+        note = "" if note == FEW else note
+        return cls(text, note, is_best, few=value.n if note.endswith(FEW) else 0)
 
 
 class Table(NamedTuple):
@@ -51,6 +59,15 @@ class Table(NamedTuple):
     @property
     def is_folded(self) -> bool:
         return len(self.lines) > MAX_OPEN_LINES and not self.is_open
+
+    @property
+    def note(self) -> str:
+        """Explanation of the mark `FEW`; empty if no cell has it."""
+        few = sorted({cell.few for line in self.lines for cell in line} - {0})
+        if not few:
+            return ""
+        span = f"{few[0]} to {few[-1]}" if len(few) > 1 else few[0]
+        return f"{FEW} only {span} start{'s' * (few != [1])}: bootstrap intervals of so few values are too narrow."
 
 
 class Figure(NamedTuple):
@@ -124,14 +141,15 @@ def _markdown(part: Part, title: str, folder: Path) -> str:
         content = "\n\n".join(_markdown(one, title, folder) for one in part.parts)
         # Markdown inside `details` needs the blank lines.
         return f"<details><summary>{_plain(part.title)}</summary>\n\n{content}\n\n</details>"
+    note = f"{_escape(part.note)}\n\n" * bool(part.note)
     if part.is_folded:
         name = f"{slug(title.lower().replace(' ', '_'))}.csv"
         lines = [[f"{cell.text} ({cell.note})" if cell.note else cell.text for cell in line] for line in part.lines]
         write_file(folder / name, csv_text([part.head, *lines]))
-        return f"[Table of {len(lines)} rows]({folder.name}/{name})"
+        return f"{note}[Table of {len(lines)} rows]({folder.name}/{name})"
     align = ["---" if k in (0, *part.words) else "---:" for k in range(len(part.head))]
     lines = [list(map(_escape, part.head)), align, *([_markdown_cell(cell) for cell in line] for line in part.lines)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return note + "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _markdown_cell(cell: Cell) -> str:
@@ -148,6 +166,7 @@ def _plain(text: str) -> str:
 
 
 def to_terminal(table: Table, title: str) -> rich.table.Table:
+    title = f"{title}\n{table.note}".strip()
     shown = rich.table.Table(title=Text(printable(title)), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for k, heading in enumerate(table.head):
         shown.add_column(Text(printable(heading)), justify="right" if k else "left", no_wrap=k == 0, overflow="fold")

@@ -153,8 +153,7 @@ def _conditions_section(evaluation: Evaluation | FinishedEvaluation, episodes: E
         facts[f"World {world}"] = f"{len(seeds)} starts, seeds {min(seeds)} to {max(seeds)}; time limit {span} s"
     for policy in episodes.policies:
         model, needed = episodes.of(policy)[0]["model"], conditions.policies.get(policy)
-        text = f"weights {model}; " * bool(model) + (needed or "without arguments of its own")
-        facts[f"Policy {short(policy)}"] = text
+        facts[f"Policy {short(policy)}"] = "; ".join(filter(None, (f"weights {model}" * bool(model), needed)))
     file = evaluation.folder / SETTINGS_FILE
     versions = parse_record(read_json(file).get("versions"), f"{file}: versions", dict[str, str])
     facts |= {"Command": command, "Versions": ", ".join(f"{name} {one}" for name, one in versions.items())}

@@ -77,7 +77,7 @@ class Trace:
             grid = OccupancyGrid(file["map"], float(file["resolution"]), (float(x), float(y)))
             curve = ProgressCurve(*file["curve"])
             start = Pose2D(*map(float, file["start"]))
-            goal = file["goal"] if "goal" in file else NO_GOAL  # of an earlier version
+            goal = file.get("goal", NO_GOAL)  # none in traces of earlier versions
             shapes = file["segments"], file["circles"], file["people"], goal
             return cls(curve, file["trail"], grid, file["known_since"], start, *shapes)
 

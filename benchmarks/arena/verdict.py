@@ -216,7 +216,8 @@ def _matrix(order: Order) -> Section:
         lines.append([Cell(f"{letter}: {short(a)}"), *cells])
     text = (
         f"{shown.label[:1].upper()}{shown.label[1:]}{', difference' * (not equal)} of the row's policy to the "
-        f"column's, from the same {num_starts(order.episodes)} starts, with 95 % intervals. Bold: the row's policy is "
-        f"better; the interval does not contain {equal}."
+        f"column's, from the same {num_starts(order.episodes)} starts, with 95 % intervals."
     )
+    if any(cell.is_best for line in lines for cell in line):
+        text += f" Bold: the row's policy is better; the interval does not contain {equal}."
     return Section("Any two policies", (text, Table(("", *ascii_letters[: len(names)]), lines, is_open=True)))

@@ -76,6 +76,7 @@ def check_report(folder):
     assert titles == re.findall(r"(?m)^## (.+)", page)
     assert titles[:4] == ["At a glance", "Leaderboard", "Curves", "World by world"]
     assert titles[-1] == "Conditions"
+    assert "Policy" not in report  # without weights and arguments, there is nothing to say
     assert "never<small>&gt; 4 s</small>" in report
     assert report.count("<figure") == page.count("![") == 2 + 2 * 2
     assert not re.search(r'(src|href|srcset)="(?!data:image/)', report)

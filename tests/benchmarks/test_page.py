@@ -36,6 +36,21 @@ def test_long_tables_are_folded_or_files_unless_they_stay_open(tmp_path):
     assert (tmp_path / "page" / "many_rows.csv").read_text().splitlines()[:2] == [",x", "a,1 (0 to 2)"]
 
 
+def test_few_starts_are_named_once_per_table(tmp_path):
+    lines = [
+        [Cell("a"), Cell("1", "0 to 2*", few=4)],
+        [Cell("b"), Cell("3", "2 to 4*", few=2)],
+        [Cell("c"), Cell("3", "2 to 5")],
+    ]
+    table = Table(("", "x"), lines)
+    console = Console(file=io.StringIO(), width=100)
+    console.print(to_terminal(table, "All"))
+    for text in (*pages_of(tmp_path, Section("Few", (table,))), console.file.getvalue()):
+        note, _, rest = " ".join(text.replace("\\", "").split()).partition("* only 2 to 4 starts: ")
+        assert "2*" not in note
+        assert rest.count("2*") == rest.count("4*") == 1
+
+
 def test_folded_pictures_are_written_and_shown(tmp_path):
     figures = tuple(Figure(f"map_{k}", b"", f"map {k}", is_wide=k == 0) for k in range(3))
     page, report = pages_of(tmp_path, Section("Maps", (Section("all <maps>", ("text", *figures)),)))

@@ -107,15 +107,19 @@ def test_few_starts_give_no_verdict_and_tables_say_so(number):
     if number >= 5:
         assert "mine is best" in section.parts[0]
         assert any(cell.is_best for cell in cells)
-        assert not [note for note in notes if "only" in note]
+        assert not [note for note in notes if "*" in note]
+        assert ranking.parts[1].note == ""
+        assert "Bold: better than all others" in ranking.parts[0]
         return
     few = f"only {number} start{'s' * (number > 1)}"
     assert section.parts == (
         f"No verdict: the policies have {few} in common; at least 5 are needed, so policies are not ranked.",
     )
-    assert all(note.endswith(few) for note in notes)
-    assert len(notes) > 10
+    assert all(note.endswith("*") for note in notes)
+    assert len(notes) == 3  # of success: other values are equal
+    assert ranking.parts[1].note == f"* {few}: bootstrap intervals of so few values are too narrow."
     assert not any(cell.is_best for cell in cells)
+    assert "Bold" not in ranking.parts[0]
 
 
 def test_the_starts_that_all_share_decide_whether_there_is_a_verdict():
