@@ -25,8 +25,6 @@ from lidarnaut.envs.processes import interrupts_delayed
 from lidarnaut.envs.progress import Progress
 
 LOGGER = logging.getLogger(__name__)
-MIN_ROLLOUTS = 3
-"""Number of rollouts before the first estimate of the remaining time."""
 REPORT_STEPS = 1000
 """Minimum number of environment steps between two reports of an off-policy training, whose rollouts are short."""
 
@@ -51,7 +49,7 @@ class RunCallback(BaseCallback):
         self._config, self._rollout_steps = prepared.config, prepared.rollout_steps
         self._num_rollouts, self._began, self._timed = -1, (0, 0.0), np.zeros(2)
         """Finished rollouts with their updates; steps and time [s] at the start of the current one; steps and time [s]
-        of all but the first, which compiles kernels."""
+        of all but the first, which compiles kernels and counts only until the second has passed."""
         self._evaluations = curve_of(checkpoint.record.evaluations) if checkpoint else []
         self._saved_steps = model.num_timesteps if checkpoint else None
         self._replay = None
@@ -95,9 +93,9 @@ class RunCallback(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self._num_rollouts += 1
-        if self._num_rollouts > 1:
-            self._timed += self.num_timesteps - self._began[0], time.monotonic() - self._began[1]
-        if self._num_rollouts > MIN_ROLLOUTS:
+        if self._num_rollouts:
+            took = np.subtract((self.num_timesteps, time.monotonic()), self._began)
+            self._timed = took if self._num_rollouts <= 2 else self._timed + took
             self._bar.rate = float(self._timed[0] / self._timed[1])
         is_off_policy = isinstance(self.model, OffPolicyAlgorithm)
         if self._num_rollouts and self.num_timesteps - self._reported_steps >= (REPORT_STEPS if is_off_policy else 1):

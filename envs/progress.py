@@ -11,7 +11,7 @@ from lidarnaut.envs.files import printable
 
 
 class Progress(tqdm):
-    """Progress bar of tqdm; without a terminal it prints a line every ten seconds."""
+    """Progress bar of tqdm; without a terminal it prints a line every ten seconds, and one when it is closed."""
 
     _due = 0.0
     rate: float | None = None
@@ -27,7 +27,7 @@ class Progress(tqdm):
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:  # type: ignore[override]
         if self.fp.isatty():
             return bool(super().display(msg, pos))
-        # The final call has a position if the bar stays, otherwise an empty message.
+        # The final call has a position.
         is_last, now = msg is None and pos is not None, time.monotonic()
         if is_last or (msg is None and now >= self._due and self.n != self.total):
             self._due = now + 10.0
@@ -39,6 +39,11 @@ class Progress(tqdm):
         """Show the current state; without a terminal, in a line of its own."""
         self._due = 0.0
         self.refresh()
+
+    def close(self) -> None:
+        if not self.disable and not self.fp.isatty():
+            self.leave = True  # nothing can be erased
+        super().close()
 
     def clear(self, *args: Any, **kwargs: Any) -> None:
         if not self.disable and self.fp.isatty():

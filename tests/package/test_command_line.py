@@ -170,7 +170,7 @@ def test_a_bar_stays_on_its_line_of_a_terminal_and_elsewhere_writes_whole_lines_
     assert written.endswith("\n")
     shares = [line.split("|")[0] for line in written.splitlines()]
     items = [f"items: {percent:3d}%" for percent in (0, 25, 50, 75, 100)]
-    assert shares == [*items[:2], "parts:   0%", "a note", *items[2:]]
+    assert shares == [*items[:2], "parts:   0%", "parts: 100%", "a note", *items[2:]]
     for file in (io.StringIO(), Terminal()):
         monkeypatch.setattr(sys, "stderr", file)
         list(Progress(range(5), delay=60.0))
