@@ -28,6 +28,8 @@ SHARED = ("gamma", "gae_lambda", "n_steps")
 OFF_POLICY = {"num_envs": 64, "total_steps": 300_000}
 """Upper limits of settings with off-policy algorithms: these make four gradient steps per step of all
 sub-environments, and need fewer environment steps than on-policy algorithms."""
+MIN_VALIDATIONS = 4
+"""Minimum number of validations, and of checkpoints, in trainings shorter than the recipe's."""
 
 NAMING = ("experiment", "seed", "seeds", "environment.id")
 """Keys that do not count as changes of a recipe."""
@@ -72,6 +74,7 @@ def with_recipe(data: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
         found = resolve(reward, {}, "reward")
         own["environment"] = {**sections[0], "reward": found if isinstance(found, Mapping) else {"class": reward}}
     kept = _applicable(whole, own, fixed)
+    _shorten_intervals(kept, own)
     used, changed = dict(flat(kept)), [key for key, _ in flat(own) if key not in NAMING]
     unused = [key for key in dict(flat(whole)) if key not in used and key not in changed]
     lists = {"changed by you": changed, "does not apply, so that defaults hold": unused}
@@ -125,6 +128,19 @@ def _applicable(recipe: Mapping[str, Any], own: Mapping[str, Any], fixed: Mappin
     allowed = after.model_fields if fits else {}
     kept["network"] = {key: value for key, value in network.items() if key in allowed}
     return kept
+
+
+def _shorten_intervals(kept: Mapping[str, Any], own: Mapping[str, Any]) -> None:
+    """Lower the recipe's steps between validations and between checkpoints if a training is shorter than usual."""
+    config = merge(kept, own)
+    total, num_envs = config["total_steps"], config["num_envs"]
+    default = 2048 if config["algorithm"] == "TRPO" or ":" in str(config["algorithm"]) else 128  # at most
+    n_steps = (config.get("hyperparameters") or {}).get("n_steps", default)
+    if not all(isinstance(one, int) for one in (total, num_envs, n_steps)) or total >= kept["total_steps"]:
+        return  # `parse_config` reports the wrong type
+    for section in (kept["evaluation"], kept["checkpoints"]):
+        if -(-total // section["every"]) < MIN_VALIDATIONS:
+            section["every"] = min(section["every"], max(total // MIN_VALIDATIONS, num_envs * n_steps))
 
 
 def _network(network: Mapping[str, Any], kinds: set[str], observations: Any) -> type[BaseModel]:

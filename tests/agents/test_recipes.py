@@ -134,6 +134,25 @@ def test_the_time_limit_of_a_recipe_belongs_to_its_worlds(changes, limit, tested
     assert ("does not apply, so that defaults hold: environment.time_limit" in said) == (limit is None)
 
 
+@pytest.mark.parametrize(
+    ("changes", "evaluations", "checkpoints"),
+    [
+        ({}, 200_000, 200_000),
+        ({"total_steps": 60_000}, 15_000, 15_000),
+        ({"total_steps": 20_000}, 8192, 8192),  # steps of an update
+        ({"total_steps": 900_000}, 200_000, 200_000),
+        ({"total_steps": 60_000, "evaluation": {"every": 30_000}}, 30_000, 15_000),
+        ({"algorithm": "SAC", "total_steps": 100_000}, 25_000, 25_000),
+    ],
+)
+def test_short_trainings_have_four_validations_and_checkpoints_unless_others_are_given(
+    changes, evaluations, checkpoints
+):
+    data, said = with_recipe({"environment": given(), **changes})
+    assert (data["evaluation"]["every"], data["checkpoints"]["every"]) == (evaluations, checkpoints)
+    assert f"checkpoints.every {checkpoints}" in said
+
+
 ALL = {"learning_rate", "n_steps", "batch_size", "n_epochs", "gamma", "ent_coef", "target_kl"}
 KEPT = {"PPO": ALL, "MaskablePPO": ALL, "RecurrentPPO": ALL, "stable_baselines3:PPO": ALL}
 KEPT |= {"A2C": {"gamma", "n_steps"}, "TRPO": {"gamma", "n_steps"}, "SAC": {"gamma"}, "CrossQ": {"gamma"}}
