@@ -72,6 +72,7 @@ class Evaluator:
         with Progress(total=total, desc=split, unit="episode", leave=False, disable=not progress, miniters=0) as bar:
             vector, act, seed = self._vectors[split], Actor(policy), FIRST_SEED[split]
             histories = run_episodes(vector, act, self._max_speed, seed, bar)
+            bar.set_postfix_str("", refresh=False)  # the simulated time of running episodes
         return self.summarise(marked(LEARNED, None, self._env), split, list(map(self.measure, histories)))
 
     def references(self, names: Mapping[str, str], run: Path, *, progress: bool = True) -> list[Row]:
