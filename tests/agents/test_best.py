@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from lidarnaut.agents import callbacks, evaluation, learning
-from lidarnaut.agents.callbacks import MIN_ROLLOUTS
 from lidarnaut.agents.curves import curve_of, interval_of, read_evaluations, result_of
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import find_policy
@@ -189,6 +188,6 @@ def test_the_bar_estimates_its_rate_from_training_alone(config, tmp_path, monkey
     monkeypatch.setattr(callback, "_on_step", lasting(callback._on_step, 0.01))
     monkeypatch.setattr(callback, "_on_rollout_start", lambda self: start(self) or seen.append(bars[0].rate))
     train(config, run=tmp_path / "run", progress=False)
-    assert seen[: MIN_ROLLOUTS + 1] == [0.0] * (MIN_ROLLOUTS + 1)
-    assert seen[-1] == pytest.approx(config.num_envs / 0.01)
+    assert seen == [0.0, *[pytest.approx(config.num_envs / 0.01)] * (len(seen) - 1)]
+    assert len(seen) > 3
     assert "?" in Progress.format_meter(**{**bars[0].format_dict, "rate": 0.0})
