@@ -107,7 +107,7 @@ def test_wheels_without_grip_spin():
 @pytest.mark.parametrize("name", RANDOMIZABLE)
 def test_every_name_is_a_parameter_of_robots(name):
     robot = load_robot("mpo_500")
-    value = 0.7 if name == "drive.track" else 0.01
+    value = {"drive.track": 0.7, "drive.wheel_radius": 0.12}.get(name, 0.01)
     changed = Randomization(
         {name: (value, value)}, robot, SimpleNamespace(ignored=(), set_robot=lambda changed: None)
     ).robot({name: value})

@@ -51,8 +51,10 @@ def explore_and_return(world: str, seed: int, out: Path, goals: int, minutes: fl
             Panel("Global tree", grid, edges, wrong, start),
         ]
         draw_maps(out / "map_and_tree.png", panels, walls, f"{world}: RRT, Hector without odometry")
-    setup = Setup(mapped.world, mapped.robot, area, "bullet")
-    estimator = make_slam(slam, mapped.robot.lidar, RESOLUTION, odometry_noise=mapped.robot.odometry.noise)
+    setup = Setup(mapped.world, mapped.robot_params, area, "bullet")
+    estimator = make_slam(
+        slam, mapped.robot_params.lidar, RESOLUTION, odometry_noise=mapped.robot_params.odometry.noise
+    )
     row, _ = measure_drive(setup, record_drive(setup, seed, 60.0 * minutes), estimator, seed)
     return {
         "95 % of the floor [s]": episode.time_to_95,
