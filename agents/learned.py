@@ -45,9 +45,10 @@ def find_policy(path: str | Path) -> Path:
 def load_policy(
     policy: str | Path, *, pursuit: bool = False, deterministic: bool = True, trust: Iterable[str] = ()
 ) -> Explorer | ObservationPolicy:
-    """Load a learned policy, as `lidarnaut.make_policy` does for `policy`, a folder as for `find_policy`.
+    """Load a learned policy by its name or folder, see `find_policy`.
 
-    `pursuit`: drive a frontier score by `pursuit`; `deterministic`: return the most likely action, instead of sampling.
+    `pursuit`: a score of frontiers only chooses frontiers; drive to them as the explorer `pursuit` does, which chooses
+    anew each second. `deterministic`: return the most likely action, instead of sampling.
 
     Raises:
         CheckpointError: if there is no such policy, it is damaged, or it does not support the options.

@@ -43,8 +43,9 @@ def train(
 
     Args:
         config: name of a packaged configuration such as `"reach_crowd"`, path of a YAML file, nested mapping, or
-            configuration object. A name, file or mapping starts from the recipe of its `environment.id`; an object
-            and the configuration of a run folder are complete. None takes only the recipe.
+            configuration object. A name, file or mapping changes the recipe, the packaged configuration of its
+            `environment.id`; an object and the configuration of a run folder are used as they are. None: the recipe
+            of the `environment.id` in `changes`.
         changes: new values by key, with dots between the names of nested keys: `{"environment.world": "caves"}`.
         run: folder for the results, by default `runs/<experiment>__<seed>__<time>`.
         resume: folder of a run or sweep, or of a checkpoint, to resume. It replaces `config`, except an object.

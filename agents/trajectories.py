@@ -20,8 +20,8 @@ TABLES = {len(table): table for table in (TWISTS, FINE_TWISTS)}
 AT_GOAL = 0.01
 """Distance to a goal with a heading below which the robot should have this heading, not that towards the goal [m]."""
 GOAL_SCALES = {4: NEAR_RANGE, 5: GOAL_RANGE}
-"""Distance that the observation `goal` normalizes to 1, by the size of that observation [m]; other sizes begin with a
-direction."""
+"""Distance that is 1 in the observation `goal` [m], by the number of its values. Observations with other numbers begin
+with a direction, and have no such distance."""
 ON_PATH = slice(2, 4)
 """Indices of the direction to the point 0.6 m ahead on the path to the best frontier, in the observation `plan`."""
 LAST_ACTION = slice(2, 4)

@@ -1,4 +1,4 @@
-"""Sweeping of a known floor: lanes in cells, tours around spanning trees, and random bounces."""
+"""Sweeping of a known floor: lanes in the parts of a decomposition, tours around spanning trees, random bounces."""
 
 import math
 from collections.abc import Callable

@@ -227,9 +227,10 @@ def _example(snapshot: Snapshot, horizon: float) -> Example:
 
 
 def _draw_crop(examples: list[Example], shares: np.ndarray, side: int, rng: np.random.Generator) -> list[np.ndarray]:
-    """Draw a square crop of an example, turned and reflected at random; codes, floor and cells that count.
+    """Return a square crop of a random example, turned and reflected at random: three arrays, shape (side, side).
 
-    `shares`: cumulated probabilities of examples, in proportion to their sizes. Crops may overlap the border.
+    They hold the codes of the known map (input), the true floor (target), and the cells that count in the loss.
+    `shares`: cumulative probabilities of the examples, in proportion to their sizes. Crops may overlap the border.
     """
     while True:
         example = examples[int(np.searchsorted(shares, rng.random()))]

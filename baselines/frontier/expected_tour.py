@@ -108,7 +108,10 @@ def _path_lengths(weights, owners, lengths, num_places):
 
 @njit(cache=True, error_model="numpy")
 def _nearest_traversable(weights, cells, reach):
-    """Return the traversable cells nearest to cells, shape (n, 2), within `reach` cells; -1 for none."""
+    """Return the traversable cell nearest to each of `cells`, at most `reach` rows and columns away; -1, -1 for none.
+
+    `cells` and result: rows and columns, shape (n, 2). `weights`: weights of path search, 0 for blocked cells.
+    """
     found = np.full(cells.shape, -1, dtype=np.int64)
     for k in range(len(cells)):
         least, (row, col) = reach * reach + 1, cells[k]

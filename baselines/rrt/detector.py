@@ -54,7 +54,8 @@ class RrtParams:
     patience: PositiveInt = 100
     """Number of control steps without an assignable frontier point after which exploration ends."""
     view_radius: NonNegativeFloat = 0.0
-    """If positive, the revenue is the unknown area in view within this radius [m], divided by the path cost."""
+    """Radius of the unknown area in view of a frontier point [m], whose quotient by the path cost is then the revenue
+    (score) of the point; 0: the revenue of Nguyen et al. (2022)."""
     turn_cost: NonNegativeFloat = 0.0
     """Path length that counts as much as a turn of 1 rad at the start of the path [m/rad]."""
     period: PositiveFloat = math.inf

@@ -22,7 +22,7 @@ WORK_PER_AREA = 0.3
 STOP_HYSTERESIS = 6.0
 """Length subtracted from the path to a robot's current stop, against oscillation between stops [m]."""
 SUM_WEIGHT = 0.1
-"""Weight of the sum of all tours, added to the longest tour."""
+"""The cost of an assignment is the length of the longest tour plus this weight times the sum of all tours."""
 MAX_ROUNDS = 20
 
 

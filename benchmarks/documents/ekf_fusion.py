@@ -64,7 +64,7 @@ LABELS = {
 }
 COLOURS = dict(zip(LABELS, (LINES[1], LINES[2], LINES[3], LINES[0])))
 QUICK = {"path": ((4.1, 3.2), (10.1, 3.2)), "map_resolution": 0.05}
-"""Arguments of a shortened experiment: 6 m of the first side."""
+"""Arguments of a shortened experiment: only 6 m of the first side of the path."""
 Delivery = tuple[float, Measurement]
 """Measurement on its way to the filter: delay [s], inf if lost, and the measurement."""
 Fault = Callable[[Measurement, np.random.Generator], Delivery]

@@ -118,13 +118,13 @@ class FusedPose(Estimator):
 
         Args:
             robot: parameters of the robot.
-            period: time between two readings [s].
-            localizer: AMCL.
+            period: control period, the time between two readings of encoders and compass [s].
+            localizer: AMCL, whose poses are measurements of the filter.
             fusion: sensors (key of `FUSIONS`).
-            latency: delay of AMCL estimates [s].
+            latency: delay of AMCL's poses [s].
 
         Raises:
-            ValueError: unknown fusion, or no compass.
+            ValueError: unknown fusion, or a fusion of the compass for a robot without one.
         """
         if fusion not in FUSIONS:
             raise ValueError(f"unknown fusion {fusion!r}; choose one of {', '.join(FUSIONS)}")

@@ -90,7 +90,7 @@ def reset_parts(parts: Mapping[str, Any], robots: Sequence[Any]) -> None:
 
 
 def writes_rows(part: Any) -> bool:
-    """Return whether `write` of a part takes `RobotRows`: that of `RowPart`, unless a user has replaced it."""
+    """Return whether a part writes the entries of all robots at once: a `RowPart` whose `write` is not overridden."""
     return getattr(part.write, "__func__", None) is RowPart.write
 
 

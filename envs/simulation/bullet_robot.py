@@ -129,9 +129,10 @@ class BulletRobot:
         self._row["mean_w"] = 0.0
 
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
-        """Compute the wheel rates of each physics step in a control period.
+        """Compute and store the rates of both wheels in each physics step of a control period [rad/s].
 
-        `command`: twist (v, w) [m/s, rad/s]. `normals`: standard normal numbers, the first two for wheel slip.
+        `command`: twist (v, w) [m/s, rad/s]. `normals`: standard normal numbers, of which the first two are used, for
+        the slip of the left and right wheel.
         """
         row, rates, slips = self._row, self._rates, self._slips
         reached = (row["commanded_v"], row["commanded_w"])

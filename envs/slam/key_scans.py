@@ -85,7 +85,7 @@ class KeyScanSlam(Estimator, ABC):
     unmatched: np.ndarray | None = None
     """Beams to exclude from the next scan matching but not from mapping, shape (num_beams,), bool; None for none."""
     observers: Sequence[MatcherObserver] = ()
-    """Observers of the poses tested in scan matching."""
+    """Functions that receive the poses tested in scan matching."""
     slip = 0.0
     """Distance by odometry [m] while the bumper was pressed, since the last processed scan; wheels slip in contact."""
     shares_maps = True

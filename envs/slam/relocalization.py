@@ -24,8 +24,8 @@ from .slam_params import LoopClosureParams
 NUM_SCANS = 20
 """Maximum number of recent scans merged for a relocalization search."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Relocalization schedule in scans: before the first search, between searches (doubled after each failure), and maximum
-between searches."""
+"""Numbers of scans since the robot is lost: before the first search, between two searches (doubled after each failure),
+and maximum between two searches."""
 COARSE_CELL = 0.1
 NUM_LEVELS = 6
 MAX_POINTS, LEAST_POINTS = 300, 40

@@ -147,7 +147,10 @@ def given_map(map: Any) -> OccupancyGrid | None:
 
 
 def given_frame(pose: Any, world: World | None = None) -> Pose2D:
-    """Return the pose of an argument `map_pose`, world frame; ValueError unless it is `"spawn"` or (x, y, theta)."""
+    """Return the pose of a map's origin in the world frame, as the argument `map_pose` gives it.
+
+    `pose`: (x, y, theta) [m, m, rad], or `"spawn"` for the first spawn of the world; ValueError for others.
+    """
     if isinstance(pose, str) and pose == "spawn":
         return world.spawns[0] if world else ORIGIN
     if not is_pose(pose):

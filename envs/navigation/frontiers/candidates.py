@@ -82,7 +82,7 @@ class Markers(NamedTuple):
 
 HALF_AREA = 10.0
 """Unknown area in view that yields a policy input of 0.5 [m2]: area / (area + `HALF_AREA`). Path cost [m], frontier
-length [m] and age [s] are scaled likewise."""
+length [m] and age [s] are scaled in the same way, by the constants below."""
 HALF_COST = 5.0
 HALF_SIZE = 2.0
 HALF_AGE = 60.0

@@ -13,7 +13,7 @@ MET_CELL = 0.3
 
 
 class FrontierMemory:
-    """Frontiers that the robot knows, has failed to reach, and ignores, map frame."""
+    """Memory of three sets of frontiers, map frame: known ones, ones not reached, and ignored ones."""
 
     def __init__(self) -> None:
         self.known = np.empty((0, 3))

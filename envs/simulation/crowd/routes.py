@@ -27,7 +27,7 @@ MEAN_STUCK_TIME = 3.0
 SLOW_FRACTION = 0.2
 """A person makes slow progress below this fraction of the desired walking speed."""
 NEXT_BY_DRAW = -1.0
-"""Value of "index of the next destination" in `Routes.points` that requests a random choice."""
+"""Index of the next destination in `Routes.points` that stands for a destination drawn at random."""
 _PRECISION = 1e-3
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _WALL_COST, _FREE_CLEARANCE = 3.0, 0.25
