@@ -95,8 +95,8 @@ class Options:
     stamped: bool = False
     """Send commands as TwistStamped instead of Twist; also done if the server names this type."""
     odometry_scales: tuple[float, float] = (1.0, 1.0)
-    """Factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a recorded drive; those of
-    `imu_topic` stay."""
+    """Factors of distances and turns of odometry, as `lidarnaut-replay` prints them for a recorded drive. Turns
+    that the gyroscope of `imu_topic` measures are not multiplied."""
     seed: int = 0
     """Seed of estimator and policy."""
     namespace: str = ""

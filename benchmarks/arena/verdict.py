@@ -210,7 +210,8 @@ def _matrix(order: Order) -> Section:
     """Return a folded table that compares any two policies."""
     measure, names, lines = order.measure, [*order.values], list[list[Cell]]()
     shown, sign, equal = (ratio_of(measure), "", 1) if measure.limit else (measure, "+", 0)
-    for letter, a in zip(ascii_letters, names):
+    letters = [*ascii_letters, *map(str, range(len(names)))][: len(names)]
+    for letter, a in zip(letters, names, strict=True):
         gaps = [None if a == b else order.episodes.gap(a, b, measure) for b in names]
         cells = [Cell("") if gap is None else Cell.of(gap, shown, side(gap, measure) > 0, sign) for gap in gaps]
         lines.append([Cell(f"{letter}: {short(a)}"), *cells])
@@ -220,4 +221,4 @@ def _matrix(order: Order) -> Section:
     )
     if any(cell.is_best for line in lines for cell in line):
         text += f" Bold: the row's policy is better; the interval does not contain {equal}."
-    return Section("Any two policies", (text, Table(("", *ascii_letters[: len(names)]), lines, is_open=True)))
+    return Section("Any two policies", (text, Table(("", *letters), lines, is_open=True)))

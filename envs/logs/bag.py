@@ -136,7 +136,7 @@ def _read_odometry(
 
 
 def _check_frames(bag: BagReader, named: dict[str, str | None], given: tuple[str, str], tree: FrameTree) -> None:
-    """Raise a BagError if a named frame is neither one of the given ones, of odometry and of scans, nor in the tree."""
+    """Raise a BagError if a named frame is missing in the tree, and is not that of odometry or of scans."""
     for option, name in named.items():
         if name and name not in (*given, *tree.frames):
             raise bag.error(f"{option} {name} is unknown; scans have {given[1]}, transforms {', '.join(tree.frames)}")

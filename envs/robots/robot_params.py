@@ -18,7 +18,7 @@ MAX_TILT = 0.35
 """Maximum pitch and roll of a mounted lidar [rad]."""
 MAX_BEAMS = 20_000
 MAX_STOPPING_DISTANCE = 1000.0
-"""Upper limit of the distance in which a robot brakes from full speed [m]; paths are tested that far ahead."""
+"""Upper limit of the braking distance from full speed [m]; paths are tested that far ahead."""
 MAX_ODOMETRY_FACTOR = 2.0
 """Upper limit of the factor between true and assumed dimensions of the drive, in either direction."""
 

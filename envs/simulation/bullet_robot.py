@@ -131,8 +131,8 @@ class BulletRobot:
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
         """Compute and store the rates of both wheels in each physics step of a control period [rad/s].
 
-        `command`: twist (v, w) [m/s, rad/s]. `normals`: standard normal numbers, of which the first two are used, for
-        the slip of the left and right wheel.
+        `command`: twist (v, w) [m/s, rad/s]. `normals`: standard normal numbers; the first two are the slip of
+        the left and right wheel.
         """
         row, rates, slips = self._row, self._rates, self._slips
         reached = (row["commanded_v"], row["commanded_w"])
